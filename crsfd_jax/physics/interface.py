@@ -1,0 +1,47 @@
+"""What every physics engine takes and gives: one control step of many environments."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import flax.struct
+import jax
+
+
+@flax.struct.dataclass(kw_only=True)
+class PhysicsState:
+    """All that a simulation carries from one control step to the next; N is any leading shape."""
+
+    qpos: jax.Array
+    """[N, 7] joint angles, rad."""
+    qvel: jax.Array
+    """[N, 7] joint velocities, rad/s."""
+    warmstart: jax.Array
+    """[N, 7] accelerations that start the next constraint solve, rad/s^2."""
+
+
+@flax.struct.dataclass(kw_only=True)
+class Surroundings:
+    """What differs between environments of one compiled program."""
+
+    shape: jax.Array
+    """[N] int32 row of the scene's geometry tables."""
+    socket_offset: jax.Array
+    """[N, 2] m, the socket's place in the plane relative to the nominal one."""
+    friction: jax.Array
+    """[N] sliding friction coefficient between peg and socket."""
+
+
+class Engine(NamedTuple):
+    """A physics engine: pure functions over a fixed scene."""
+
+    name: str
+    step: Callable[[PhysicsState, Surroundings, jax.Array], PhysicsState]
+    """(state, surroundings, setpoint [N, 6]) -> state one control step later.
+
+    The setpoint is the tip's target in the nominal socket's frame: position (m) and rotation
+    vector (rad), held for the whole control step. A simulation that breaks down gives NaN.
+    """
+
+
+CONTROL_DT = 0.1
+"""s, one control step: 10 Hz (Guo et al. 2022, section 5.1)."""
