@@ -12,9 +12,12 @@ from typing import Annotated, Literal
 
 import tyro
 
+from crsfd_jax.errors import UserError
+from crsfd_jax.limits import Interval, OneOf, ShownAs, check_limits
 from crsfd_jax.units import format_length, parse_length
 
 SHAPES = ("0", "1", "2", "3", "4")
+ALGORITHMS = ("crsfd", "sacfd", "sac")
 
 _LENGTH_SPEC = tyro.constructors.PrimitiveConstructorSpec(
     nargs=1,
@@ -23,19 +26,25 @@ _LENGTH_SPEC = tyro.constructors.PrimitiveConstructorSpec(
     is_instance=lambda value: isinstance(value, float),
     str_from_instance=lambda value: [format_length(value)],
 )
-Length = Annotated[float, _LENGTH_SPEC]
+Length = Annotated[float, _LENGTH_SPEC, ShownAs(format_length)]
 """A float in metres that the command line reads with its unit, such as 8mm."""
+Count = Annotated[int, Interval(1, 1_000_000_000)]
+Weight = Annotated[float, Interval(0, 1000)]
+PositiveRate = Annotated[float, Interval(0, 1, open="low")]
+Fraction = Annotated[float, Interval(0, 1)]
+Discount = Annotated[float, Interval(0, 1, open="both")]
+Widths = Annotated[tuple[int, ...], Interval(1, 8192)]
 
 
 @dataclass(frozen=True)
 class Scene:
     """The parts and the arm's surroundings."""
 
-    clearance: Length = 1e-3
+    clearance: Annotated[Length, Interval(0, 0.02, open="low")] = 1e-3
     """Width of the hole minus width of the peg (both sides together)."""
-    footprint: Length = 0.04
+    footprint: Annotated[Length, Interval(0.005, 0.2)] = 0.04
     """Side of the square that the digit fills."""
-    friction: float = 1.0
+    friction: Annotated[float, Interval(0, 10, open="low")] = 1.0
     """Sliding friction coefficient between peg and socket."""
 
 
@@ -43,11 +52,11 @@ class Scene:
 class Mdp:
     """The insertion task as a Markov decision process."""
 
-    horizon: int = 50
+    horizon: Annotated[int, Interval(1, 100_000)] = 50
     """Control steps (0.1 s each) after which an episode is truncated."""
-    translation_scale: Length = 0.01
+    translation_scale: Annotated[Length, Interval(0, 0.1, open="low")] = 0.01
     """Setpoint displacement for an action of 1 along a translation axis."""
-    rotation_scale: float = 0.05
+    rotation_scale: PositiveRate = 0.05
     """Setpoint rotation for an action of 1 about a rotation axis, rad."""
 
 
@@ -55,23 +64,23 @@ class Mdp:
 class Sac:
     """Soft actor-critic."""
 
-    hidden: tuple[int, ...] = (128, 128)
+    hidden: Widths = (128, 128)
     """Widths of the hidden layers of actor and critics."""
-    learning_rate: float = 5e-4
+    learning_rate: PositiveRate = 5e-4
     """Adam step size of actor, critics and temperature."""
-    gamma: float = 0.98
+    gamma: Discount = 0.98
     """Discount of the new task, gamma_k in the paper; the same for every method."""
-    tau: float = 0.005
+    tau: PositiveRate = 0.005
     """Polyak rate of the target critics."""
-    batch_size: int = 128
+    batch_size: Annotated[int, Interval(1, 65_536)] = 128
     """Transitions in a gradient update."""
-    updates_per_step: int = 16
+    updates_per_step: Annotated[int, Interval(1, 10_000)] = 16
     """Gradient updates after each vector step of all environments."""
-    initial_alpha: float = 0.02
+    initial_alpha: Annotated[float, Interval(0, 100, open="low")] = 0.02
     """Entropy temperature at the start; it is tuned automatically from there."""
-    target_entropy: float = -3.0
+    target_entropy: Annotated[float, Interval(-1000, 1000)] = -3.0
     """Entropy that the temperature is tuned towards, nats."""
-    warmup_steps: int = 2000
+    warmup_steps: Annotated[int, Interval(0, 1_000_000_000)] = 2000
     """Environment steps with uniform random actions before the first update."""
 
 
@@ -79,19 +88,19 @@ class Sac:
 class Replay:
     """The prioritised buffer that keeps demonstrations and experience."""
 
-    capacity: int = 300_000
-    """Transitions kept besides the demonstrations, which are never overwritten."""
-    priority_exponent: float = 0.6
+    capacity: Count = 307_200
+    """Transitions kept besides the demonstrations, a multiple of --envs."""
+    priority_exponent: Fraction = 0.6
     """Exponent a of the drawing probability p^a / sum p^a."""
-    importance_exponent: float = 0.4
+    importance_exponent: Fraction = 0.4
     """Exponent b of the importance weight (N P)^-b; at 1 prioritising cancels out."""
-    priority_floor: float = 1e-3
+    priority_floor: Annotated[float, Interval(0, 1000, open="low")] = 1e-3
     """Added to every priority."""
-    demo_bonus: float = 0.1
+    demo_bonus: Weight = 0.1
     """Added to the priority of a demonstration."""
-    n_step: int = 3
+    n_step: Annotated[int, Interval(1, 1000)] = 3
     """Length of the n-step return used beside the 1-step return."""
-    n_step_weight: float = 1.0
+    n_step_weight: Weight = 1.0
     """Weight of the n-step critic loss, lambda_1 of DDPGfD; 0 switches it off."""
 
 
@@ -99,19 +108,19 @@ class Replay:
 class Potential:
     """The conservative value function of Algorithm 1."""
 
-    gamma: float = 0.95
+    gamma: Discount = 0.95
     """Discount of the demonstrated task, gamma_0 in the paper; below --sac.gamma."""
-    free_space_weight: float = 0.1
+    free_space_weight: Weight = 0.1
     """Weight lambda of the regression of free-space states to zero."""
-    free_space_extent: float = 3.0
+    free_space_extent: Annotated[float, Interval(0, 1000, open="low")] = 3.0
     """Half width of the sampled free space, in workspaces."""
-    steps: int = 4000
+    steps: Annotated[int, Interval(0, 10_000_000)] = 4000
     """Regression steps n_r."""
-    batch_size: int = 256
+    batch_size: Annotated[int, Interval(1, 65_536)] = 256
     """Demonstration states, and as many free-space states, in a regression step."""
-    learning_rate: float = 1e-3
+    learning_rate: PositiveRate = 1e-3
     """Adam step size."""
-    hidden: tuple[int, ...] = (64, 64)
+    hidden: Widths = (64, 64)
     """Widths of the hidden layers."""
     terminal: Literal["zero", "keep"] = "zero"
     """Potential of the success state: zero (Ng et al. 1999) or kept as fitted."""
@@ -121,9 +130,9 @@ class Potential:
 class Evaluation:
     """Evaluation with the deterministic policy on fresh episodes."""
 
-    every: int = 10_000
+    every: Count = 10_000
     """Environment steps of each seed between two evaluations."""
-    episodes: int = 50
+    episodes: Annotated[int, Interval(1, 1_000_000)] = 50
     """Episodes of each seed in an evaluation."""
 
 
@@ -131,21 +140,21 @@ class Evaluation:
 class Config:
     """Learns to insert a peg from demonstrations of another insertion task."""
 
-    shape: str = "2"
+    shape: Annotated[str, OneOf(SHAPES)] = "2"
     """Digit of the peg and its socket: 0, 1, 2, 3 or 4."""
-    shift: Length = 0.0
+    shift: Annotated[Length, Interval(0, 0.02)] = 0.0
     """Side of the square in which the socket's unknown offset is drawn, such as 8mm."""
-    algorithm: str = "crsfd"
+    algorithm: Annotated[str, OneOf(ALGORITHMS)] = "crsfd"
     """Learning method."""
-    seeds: int = 5
+    seeds: Annotated[int, Interval(1, 10_000)] = 5
     """Number of seeds, trained side by side in one compiled program."""
-    seed: int = 0
+    seed: Annotated[int, Interval(0, 2_000_000_000)] = 0
     """First seed; the others follow it."""
-    steps: int = 60_000
+    steps: Count = 60_000
     """Environment steps of each seed."""
     engine: Literal["auto", "native", "mjx", "warp"] = "auto"
     """Physics engine; auto is mjx on an accelerator and native on a CPU."""
-    envs: int = 64
+    envs: Annotated[int, Interval(1, 65_536)] = 64
     """Environments of each seed."""
     demos: str = "builtin"
     """Demonstration file, or builtin for the 40 shipped episodes of shape 0."""
@@ -164,3 +173,44 @@ class Config:
 def to_dict(config: Config) -> dict:
     """Plain nested dict of every value, as written to config.json."""
     return dataclasses.asdict(config)
+
+
+def run_name(config: Config) -> str:
+    """Name of the run folder, made of the options that tell runs apart.
+
+    Example: crsfd-shape2-shift8mm-seed0x5 for five seeds from seed 0.
+    """
+    shift = format_length(config.shift)
+    name = f"{config.algorithm}-shape{config.shape}-shift{shift}-seed{config.seed}x{config.seeds}"
+    return f"{name}-smoke" if config.smoke else name
+
+
+def validate(config: Config) -> None:
+    """Checks every value against its range, and the values that belong together.
+
+    Raises:
+      UserError: the first value that cannot be used, and what to change.
+    """
+    check_limits(config)
+    capacity, envs = config.replay.capacity, config.envs
+    if capacity < envs or capacity % envs:
+        nearest = max(1, round(capacity / envs)) * envs
+        raise UserError(
+            f"--replay.capacity: got {capacity}, allowed: multiples of --envs ({envs}); "
+            f"use {nearest}"
+        )
+    if config.sac.warmup_steps >= config.steps:
+        raise UserError(
+            f"--sac.warmup-steps: got {config.sac.warmup_steps}, allowed: below --steps "
+            f"({config.steps}); lower it or raise --steps"
+        )
+    if config.algorithm == "crsfd" and config.potential.gamma > config.sac.gamma:
+        raise UserError(
+            f"--potential.gamma: got {config.potential.gamma:g}, allowed: at most --sac.gamma "
+            f"({config.sac.gamma:g}); lower it or raise --sac.gamma"
+        )
+    if config.scene.clearance >= config.scene.footprint:
+        raise UserError(
+            f"--scene.clearance: got {format_length(config.scene.clearance)}, allowed: below "
+            f"--scene.footprint ({format_length(config.scene.footprint)}); lower it"
+        )

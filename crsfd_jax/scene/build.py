@@ -104,7 +104,8 @@ def _compile(solids, counts):
 
 
 def _add_geoms(spec, body, kind, rows, count):
-    parked = [0, 0, digits.PEG_LENGTH / 2 if kind.startswith("peg") else -digits.BLOCK_HEIGHT / 2]
+    under_floor = -(digits.HOLE_DEPTH + digits.BLOCK_HEIGHT) / 2
+    parked = [0, 0, digits.PEG_LENGTH if kind.startswith("peg") else under_floor]
     for i in range(count):
         used = i < len(rows)
         geom = body.add_geom(spec.find_default(kind), name=f"{kind}{i}", pos=rows[i][:3] if used else parked)

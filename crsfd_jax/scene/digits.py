@@ -139,25 +139,20 @@ def _prism(x, y, z0, z1):
 
 
 def _corners(cells):
-    """Vertices of the outline as (i, j, sx, sy, convex).
+    """Vertices of the outline as {(i, j): (sx, sy, convex)}.
 
     The cell at the quadrant (sx, sy) of vertex (i, j) is the only filled one (convex) or the only
     empty one (reentrant).
     """
-    padded = np.pad(cells, 1)
+    padded, corners = np.pad(cells, 1), {}
+    quadrants = [(sx, sy) for sx in (-1, 1) for sy in (-1, 1)]
     for i in range(cells.shape[0] + 1):
         for j in range(cells.shape[1] + 1):
-            around = {
-                (sx, sy): padded[i + (sx + 1) // 2, j + (sy + 1) // 2]
-                for sx in (-1, 1)
-                for sy in (-1, 1)
-            }
-            for (sx, sy), filled in around.items():
-                others = [value for key, value in around.items() if key != (sx, sy)]
-                if filled and not any(others):
-                    yield i, j, sx, sy, True
-                if not filled and all(others):
-                    yield i, j, sx, sy, False
+            around = [padded[i + (sx + 1) // 2, j + (sy + 1) // 2] for sx, sy in quadrants]
+            if sum(around) in (1, 3):
+                convex = sum(around) == 1
+                corners[i, j] = (*quadrants[around.index(convex)], convex)
+    return corners
 
 
 def _peg_corners(cells, edges, half_gap):
@@ -165,19 +160,28 @@ def _peg_corners(cells, edges, half_gap):
     return np.array(
         [
             (edges[i] + sx * inset, edges[j] + sy * inset, CORNER_RADIUS)
-            for i, j, sx, sy, convex in _corners(cells)
+            for (i, j), (sx, sy, convex) in _corners(cells).items()
             if convex
         ]
     )
 
 
 def _socket_rims(cells, edges):
-    """Spheres that touch the mouth plane and the walls from inside the socket's solid."""
-    r, rims = CORNER_RADIUS, []
-    for i, j, sx, sy, convex in _corners(cells):
-        if convex:
-            rims.append((edges[i] - sx * r, edges[j] + sy * _RIM_INSET, -r))
-            rims.append((edges[i] + sx * _RIM_INSET, edges[j] - sy * r, -r))
-        else:
-            rims.append((edges[i] + sx * r, edges[j] + sy * r, -r))
-    return np.array(rims)
+    """Spheres that touch the mouth plane and the walls from inside the socket's solid.
+
+    A reentrant vertex gets one, which touches both its walls; every convex vertex gets one along
+    each of its two walls, and a wall of one cell between two of them shares one in its middle.
+    """
+    r, corners, rims = CORNER_RADIUS, _corners(cells), set()
+    pitch = edges[1] - edges[0]
+    for (i, j), (sx, sy, convex) in corners.items():
+        if not convex:
+            rims.add((edges[i] + sx * r, edges[j] + sy * r, -r))
+            continue
+        alone_x = not corners.get((i + sx, j), (0, 0, False))[2]
+        alone_y = not corners.get((i, j + sy), (0, 0, False))[2]
+        along_x = _RIM_INSET if alone_x else pitch / 2
+        along_y = _RIM_INSET if alone_y else pitch / 2
+        rims.add((edges[i] - sx * r, edges[j] + sy * along_y, -r))
+        rims.add((edges[i] + sx * along_x, edges[j] - sy * r, -r))
+    return np.unique(np.round(sorted(rims), 9), axis=0)

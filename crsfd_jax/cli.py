@@ -1,0 +1,111 @@
+"""The edge of every program: the command line in, one line of error and an exit code out.
+
+Exit codes: 0 done, 1 target missed, 2 wrong usage or input, 75 stopped but resumable.
+Imports neither jax nor mujoco, so that a bad command line is answered at once.
+"""
+
+import contextlib
+import io
+import re
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import tyro
+
+from crsfd_jax.config import Config, validate
+from crsfd_jax.errors import UserError
+from crsfd_jax.limits import check_limits, choice_message
+
+ConfigT = TypeVar("ConfigT")
+
+
+def parse(config_type: type[ConfigT], argv: Sequence[str]) -> ConfigT:
+    """Reads and checks a command line; --help prints the options and exits with 0.
+
+    Raises:
+      UserError: the line cannot be used; the message says which option and why.
+    """
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            config = tyro.cli(config_type, args=list(argv), prog=_program_name())
+    except SystemExit as stop:
+        if stop.code in (None, 0):
+            raise
+        raise UserError(_condense(complaint.getvalue())) from None
+    if isinstance(config, Config):
+        validate(config)
+    else:
+        check_limits(config)
+    return config
+
+
+def main(function: Callable[[list[str]], int | None]) -> None:
+    """Runs a program on the command line and ends the process with its exit code.
+
+    Args:
+      function: takes the arguments after the program's name, returns the exit code, or
+        None for 0. A UserError from it becomes one line on stderr.
+    """
+    try:
+        code = function(sys.argv[1:])
+    except UserError as error:
+        print("error:", " ".join(str(error).split()), file=sys.stderr)
+        code = error.exit_code
+    sys.exit(code or 0)
+
+
+def _program_name() -> str | None:
+    spec = getattr(sys.modules["__main__"], "__spec__", None)
+    return f"python -m {spec.name.removesuffix('.__main__')}" if spec else None
+
+
+def _condense(complaint: str) -> str:
+    """Turns tyro's box of several lines into one line in this program's words."""
+    lines = [line.strip("│╭╮╰╯ ") for line in complaint.splitlines()]
+    title = lines[0].strip("─ ") if lines else "the command line cannot be read"
+    rule = next((i for i, line in enumerate(lines) if i and not line.strip("─")), len(lines))
+    body = " ".join(lines[1:rule])
+    for pattern, rewrite in _REWRITES:
+        match = re.search(pattern, body)
+        if match:
+            return rewrite(match, lines[rule:])
+    return f"{title}: {body}; see --help"
+
+
+def _missing_value(match: re.Match[str], _: Any) -> str:
+    return f"{match[1]}: got no value, allowed: one value; write it after the option"
+
+
+def _unknown_option(match: re.Match[str], advice: list[str]) -> str:
+    tokens = match[1].split(", ")
+    token = next((t for t in tokens if t.startswith("-")), tokens[0]).partition("=")[0]
+    what = "an unknown option" if token.startswith("-") else "a value without an option"
+    headings = (re.match(r"(--[\w.-]+)(?:,| [A-Z{\[])", line) for line in advice)
+    near = list(dict.fromkeys(heading[1] for heading in headings if heading))[:3]
+    what_to_do = f"did you mean {' or '.join(near)}?" if near else "see --help"
+    return f"{token}: got {what}, allowed: the options in --help; {what_to_do}"
+
+
+def _invalid_choice(match: re.Match[str], _: Any) -> str:
+    return choice_message(match[2], match[1], tuple(re.findall(r"'([^']*)'", match[3])))
+
+
+def _not_a_number(kind: str) -> Callable[[re.Match[str], Any], str]:
+    return lambda match, _: f"{match[1]}: got {match[2]}, allowed: {kind}; correct the value"
+
+
+_REWRITES: tuple[tuple[str, Callable[[re.Match[str], list[str]], str]], ...] = (
+    (r"Missing value for argument '(.+?)'", _missing_value),
+    (r"Unrecognized options: (.*)", _unknown_option),
+    (r"invalid choice '(.*)' for argument '(\S+)'. Expected one of (.*)", _invalid_choice),
+    (r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)",
+     _not_a_number("a whole number")),
+    (r"Error parsing (\S+): could not convert string to float: (.*)",
+     _not_a_number("a number")),
+    (r"Error parsing (\S+): Could not find valid parse for arguments: (.*)",
+     _not_a_number("the values in --help")),
+    (r"Error parsing (\S+): (got .*, allowed: .*)",
+     lambda match, _: f"{match[1]}: {match[2]}; correct the value"),
+)  # fmt: skip

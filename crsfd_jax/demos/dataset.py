@@ -1,0 +1,195 @@
+"""Demonstrations in one .npz file: what is in it, reading, checking and writing.
+
+A file holds these arrays and no others; N transitions, K episodes, O and A the sizes of
+observation and action. Nothing is ever unpickled.
+
+    obs             [N, O] float32   before the action
+    action          [N, A] float32   in [-1, 1]
+    reward          [N] float32      sparse: in [0, 1]
+    next_obs        [N, O] float32   after the action
+    terminated      [N] bool         fully inserted, only at the last step of an episode
+    truncated       [N] bool         time limit hit, only at the last step of an episode
+    episode_length  [K] int32        adds up to N; episodes follow each other
+    start_qpos      [K, 7] float32   joint angles at the start, rad
+    socket_offset   [K, 2] float32   of the socket from its nominal place, m
+    provenance      [] str           JSON object with the fields of `Provenance`
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from crsfd_jax.demos import npz
+from crsfd_jax.demos.provenance import Provenance, from_json, to_json
+from crsfd_jax.errors import UserError
+from crsfd_jax.files import write_atomically
+
+ARM_JOINTS = 7
+MAX_BYTES = 64 * 2**20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demonstrations:
+    """Recorded episodes, one after the other; see the module for shapes and units."""
+
+    obs: np.ndarray
+    action: np.ndarray
+    reward: np.ndarray
+    next_obs: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    episode_length: np.ndarray
+    start_qpos: np.ndarray
+    socket_offset: np.ndarray
+    provenance: Provenance
+
+
+def load(path: str | Path, obs_dim: int, action_dim: int) -> Demonstrations:
+    """Reads a file and checks all of it.
+
+    Raises:
+      UserError: it is missing, damaged or not what the task needs; names file and field.
+    """
+    arrays = npz.read(Path(path), _dtypes(), MAX_BYTES)
+    text = arrays.pop("provenance")
+    try:
+        provenance = from_json(str(text.item()) if text.shape == () else "")
+    except ValueError as error:
+        raise UserError(f"demo {path}: {error}") from error
+    demos = Demonstrations(**arrays, provenance=provenance)
+    check(demos, obs_dim, action_dim, path)
+    return demos
+
+
+def save(path: str | Path, demos: Demonstrations) -> None:
+    """Checks demonstrations and writes them, all or nothing.
+
+    Raises:
+      UserError: they break the schema, or the file cannot be written.
+    """
+    check(demos, demos.obs.shape[-1], demos.action.shape[-1], path)
+    fields = {name: getattr(demos, name) for name in _dtypes()}
+    fields["provenance"] = np.array(to_json(demos.provenance))
+    try:
+        write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **fields))
+    except OSError as error:
+        raise UserError(f"demo {path}: cannot be written: {error.strerror}") from error
+
+
+def check(demos: Demonstrations, obs_dim: int, action_dim: int, path: str | Path) -> None:
+    """Checks demonstrations against the schema and against the sizes of a task.
+
+    Raises:
+      UserError: names the file, the first field that is wrong, and what was expected.
+    """
+    try:
+        _check_shapes(demos, obs_dim, action_dim)
+        _check_values(demos)
+        _check_episodes(demos)
+        _check_columns(demos.provenance, obs_dim, action_dim)
+    except UserError as error:
+        raise UserError(f"demo {path}: {error}") from None
+
+
+def episode_success(demos: Demonstrations) -> np.ndarray:
+    """[K] bool, whether an episode ended with full insertion."""
+    return demos.terminated[np.cumsum(demos.episode_length) - 1]
+
+
+def describe(demos: Demonstrations) -> str:
+    """Several lines for a reader: task, expert, sizes, success, versions."""
+    source = demos.provenance
+    success = episode_success(demos)
+    versions = ", ".join(f"{name} {version}" for name, version in source.versions.items())
+    length = demos.episode_length
+    return "\n".join(
+        (
+            f"task      shape {source.shape}, clearance {source.clearance_m * 1e3:g} mm, "
+            f"shift {source.shift_m * 1e3:g} mm, control step {source.control_dt_s:g} s",
+            f"episodes  {len(length)}, {success.sum()} successful, {length.min()} to "
+            f"{length.max()} steps, {length.sum()} transitions",
+            f"obs       {', '.join(f'{name} [{unit}]' for name, unit in source.obs_layout)}",
+            f"action    {len(source.action_scale)} columns, scale "
+            f"{', '.join(f'{scale:g}' for scale in source.action_scale)}",
+            f"expert    {source.expert}, success rate {source.expert_success_rate:g}, "
+            f"noise {source.noise:g}, seed {source.seed}",
+            f"recorded  {source.date} by {source.command}",
+            f"versions  {versions}",
+        )
+    )
+
+
+def _dtypes() -> dict[str, type]:
+    special = {"terminated": np.bool_, "truncated": np.bool_, "episode_length": np.int32}
+    names = (field.name for field in dataclasses.fields(Demonstrations))
+    return {name: special.get(name, np.float32) for name in names if name != "provenance"} | {
+        "provenance": np.str_
+    }
+
+
+def _check_shapes(demos: Demonstrations, obs_dim: int, action_dim: int) -> None:
+    steps, episodes = demos.obs.shape[:1], demos.episode_length.shape[:1]
+    expected = {
+        "obs": (*steps, obs_dim),
+        "action": (*steps, action_dim),
+        "reward": steps,
+        "next_obs": (*steps, obs_dim),
+        "terminated": steps,
+        "truncated": steps,
+        "episode_length": episodes,
+        "start_qpos": (*episodes, ARM_JOINTS),
+        "socket_offset": (*episodes, 2),
+    }
+    for name, shape in expected.items():
+        array = getattr(demos, name)
+        if array.dtype != _dtypes()[name]:
+            raise UserError(f"{name} is {array.dtype}, expected {np.dtype(_dtypes()[name])}")
+        if array.shape != shape or not array.size:
+            raise UserError(f"{name} has shape {array.shape}, expected {shape or '(N,)'}, not empty")
+
+
+def _check_values(demos: Demonstrations) -> None:
+    for name, dtype in _dtypes().items():
+        array = getattr(demos, name)
+        bad = np.argwhere(~np.isfinite(array)) if dtype is np.float32 else ()
+        if len(bad):
+            raise UserError(f"{len(bad)} non-finite values, first at {name}{bad[0].tolist()}")
+    for name, low, high in (("action", -1, 1), ("reward", 0, 1)):
+        array = getattr(demos, name)
+        bad = np.argwhere((array < low) | (array > high))
+        if len(bad):
+            raise UserError(
+                f"{len(bad)} values of {name} outside [{low}, {high}], first "
+                f"{array[tuple(bad[0])]:g} at {name}{bad[0].tolist()}"
+            )
+
+
+def _check_episodes(demos: Demonstrations) -> None:
+    length, steps = demos.episode_length, len(demos.obs)
+    total = int(length.sum(dtype=np.int64))
+    if length.min() < 1 or total != steps:
+        raise UserError(
+            f"episode_length adds up to {total} with a shortest of {length.min()}, "
+            f"expected {steps} and at least 1"
+        )
+    is_last = np.zeros(steps, bool)
+    is_last[np.cumsum(length) - 1] = True
+    wrong = np.flatnonzero((demos.terminated | demos.truncated) != is_last)
+    if len(wrong):
+        raise UserError(
+            f"terminated or truncated is wrong at step {wrong[0]}, expected one of them at "
+            "the last step of each episode and neither before"
+        )
+    if not demos.terminated.any():
+        raise UserError(f"no successful episode among {len(length)}; record with a better expert")
+
+
+def _check_columns(source: Provenance, obs_dim: int, action_dim: int) -> None:
+    for name, expected in (("obs_layout", obs_dim), ("action_scale", action_dim)):
+        found = len(getattr(source, name))
+        if found != expected:
+            raise UserError(f"provenance.{name} has {found} entries, expected {expected}")
+    if any(len(column) != 2 for column in source.obs_layout):
+        raise UserError("provenance.obs_layout is not a list of [name, unit]")

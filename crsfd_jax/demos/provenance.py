@@ -1,0 +1,84 @@
+"""Where demonstrations come from, as JSON text inside their file."""
+
+import dataclasses
+import json
+import typing
+from dataclasses import dataclass
+from typing import Any
+
+from crsfd_jax.errors import UserError
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where demonstrations come from and what their columns mean."""
+
+    schema: int = SCHEMA
+    """Version of the file's layout."""
+    shape: str
+    """Digit of the peg and its socket."""
+    clearance_m: float
+    shift_m: float
+    """Side of the square in which the socket's offset was drawn."""
+    control_dt_s: float
+    obs_layout: list[list[str]]
+    """A [name, unit] for each column of obs."""
+    action_scale: list[float]
+    """Displacement for an action of 1, m or rad, for each column of action."""
+    expert: str
+    """What chose the actions, in words."""
+    expert_success_rate: float
+    """Share of the expert's attempts that succeeded, the unrecorded ones included."""
+    noise: float
+    """Factor of the noise added to the expert's actions."""
+    seed: int
+    command: str
+    """Command line that recorded the file."""
+    versions: dict[str, str]
+    """Package name -> version."""
+    date: str
+    """ISO 8601."""
+
+
+def to_json(provenance: Provenance) -> str:
+    """The text that `from_json` reads."""
+    return json.dumps(dataclasses.asdict(provenance))
+
+
+def from_json(text: str) -> Provenance:
+    """Reads and checks the JSON text of a file.
+
+    Raises:
+      UserError: it is not the JSON object described by `Provenance`.
+    """
+    try:
+        values = json.loads(text)
+        json.dumps(values, ensure_ascii=False).encode()
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"provenance is not JSON: {error}") from error
+    if not isinstance(values, dict):
+        raise UserError(f"provenance is a JSON {type(values).__name__}, expected an object")
+    if values.get("schema") != SCHEMA:
+        raise UserError(f"schema is {values.get('schema')!r}, this program reads {SCHEMA}")
+    hints = typing.get_type_hints(Provenance)
+    if values.keys() != hints.keys():
+        raise UserError(
+            f"provenance lacks {sorted(hints.keys() - values.keys())} and has unknown "
+            f"{sorted(values.keys() - hints.keys())}"
+        )
+    for name, hint in hints.items():
+        if not _matches(values[name], hint):
+            raise UserError(f"provenance.{name} is {str(values[name])[:40]!r}, expected {hint}")
+    return Provenance(**values)
+
+
+def _matches(value: Any, hint: Any) -> bool:
+    if hint is float:
+        return type(value) in (int, float) and abs(value) < 1e300
+    if typing.get_origin(hint) is list:
+        return type(value) is list and all(_matches(v, typing.get_args(hint)[0]) for v in value)
+    if typing.get_origin(hint) is dict:
+        return type(value) is dict and all(type(v) is str for v in value.values())
+    return type(value) is hint

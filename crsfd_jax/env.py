@@ -1,0 +1,162 @@
+"""The insertion task as a Markov decision process over batches of environments.
+
+Observation and action follow Guo et al. 2022, section 5.1: proprioception relative to the nominal
+socket, blind to its offset, and a 6-D displacement of the end effector at 10 Hz. Reward 1 when the
+peg is fully inserted, which terminates; the time limit truncates.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import flax.struct
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from crsfd_jax import config
+from crsfd_jax.physics.interface import Engine, PhysicsState, Surroundings
+from crsfd_jax.scene import randomize
+from crsfd_jax.scene.build import Scene
+from crsfd_jax.scene.digits import HOLE_DEPTH
+from crsfd_jax.scene.kinematics import Chain, chain, inverse_kinematics, rotation_vector, tip_pose
+
+ACTION_SIZE = 6
+SUCCESS_DEPTH = HOLE_DEPTH - 0.0015
+"""m below the mouth at which the peg counts as fully inserted."""
+SUCCESS_OFFSET = 0.003
+"""m, largest distance of tip and socket axis along x or y at success."""
+SETPOINT_LOW = (-0.04, -0.04, -HOLE_DEPTH - 0.01, -0.15, -0.15, -0.15)
+SETPOINT_HIGH = (0.04, 0.04, 0.08, 0.15, 0.15, 0.15)
+"""m and rad, the box that setpoints are clipped to."""
+
+OBSERVATION = (
+    ("joint_position", 7, "rad, relative to the start pose", 0.1),
+    ("joint_velocity", 7, "rad/s", 0.5),
+    ("tip_position", 3, "m, relative to the nominal socket", 0.03),
+    ("tip_rotation", 3, "rad, rotation vector relative to the nominal socket", 0.1),
+    ("tip_velocity", 3, "m/s", 0.1),
+    ("tip_angular_velocity", 3, "rad/s", 0.5),
+    ("setpoint_error", 3, "m, last setpoint minus tip position", 0.01),
+)
+"""Name, size, unit and scale of each part: an observation holds value / scale, clipped to +-10."""
+OBS_SIZE = sum(size for _, size, _, _ in OBSERVATION)
+_SCALE = np.concatenate([np.full(size, scale) for _, size, _, scale in OBSERVATION]).astype(np.float32)
+_CLIP = 10.0
+TIP_POSE = slice(14, 20)
+"""Where an observation holds the tip's position and rotation."""
+POSE_SCALE = _SCALE[TIP_POSE]
+
+
+@flax.struct.dataclass(kw_only=True)
+class EnvState:
+    """N environments between two control steps."""
+
+    physics: PhysicsState
+    around: Surroundings
+    tip: jax.Array
+    """[N, 6] measured position (m) and rotation vector (rad) of the tip, nominal socket frame."""
+    obs: jax.Array
+    """[N, O]."""
+    age: jax.Array
+    """[N] int32 control steps since the episode began."""
+
+
+@flax.struct.dataclass(kw_only=True)
+class Outcome:
+    """What a step gave, before any reset; [N] each, next_obs [N, O]."""
+
+    next_obs: jax.Array
+    reward: jax.Array
+    terminated: jax.Array
+    truncated: jax.Array
+    finite: jax.Array
+    """False where the simulation broke down: the episode ends and must not be stored."""
+    tip: jax.Array
+    """[N, 6] where the step left the tip."""
+
+
+class Env(NamedTuple):
+    """Pure functions of a task; `key` draws the episodes that start."""
+
+    reset: Callable[[jax.Array, int], EnvState]
+    """(key, N) -> N fresh episodes."""
+    step: Callable[[EnvState, jax.Array, jax.Array], tuple[EnvState, Outcome]]
+    """(state, action [N, A], key) -> state with ended episodes replaced, outcome of the step."""
+    horizon: int
+
+
+def make(
+    engine: Engine, scene: Scene, mdp: config.Mdp, distribution: randomize.Distribution
+) -> Env:
+    """The task on an engine, with the episodes of a distribution."""
+    links = chain(scene)
+    rest = np.asarray(rest_posture(links))
+
+    def reset(key: jax.Array, count: int) -> EnvState:
+        physics, around = randomize.draw(distribution, key, count)
+        tip, obs = _sense(links, rest, physics, None)
+        age = jnp.zeros(count, jnp.int32)
+        return EnvState(physics=physics, around=around, tip=tip, obs=obs, age=age)
+
+    def step(state: EnvState, action: jax.Array, key: jax.Array) -> tuple[EnvState, Outcome]:
+        target = setpoint(mdp, state.tip, action)
+        physics = engine.step(state.physics, state.around, target)
+        tip, next_obs = _sense(links, rest, physics, target)
+        finite = jnp.isfinite(next_obs).all(axis=-1) & jnp.isfinite(physics.warmstart).all(axis=-1)
+        terminated = finite & inserted(tip, state.around)
+        age = state.age + 1
+        truncated = finite & ~terminated & (age >= mdp.horizon)
+        outcome = Outcome(
+            next_obs=next_obs,
+            reward=terminated.astype(jnp.float32),
+            terminated=terminated,
+            truncated=truncated,
+            finite=finite,
+            tip=tip,
+        )
+        going = EnvState(physics=physics, around=state.around, tip=tip, obs=next_obs, age=age)
+        over = terminated | truncated | ~finite
+        return _where(over, reset(key, len(over)), going), outcome
+
+    return Env(reset=reset, step=step, horizon=mdp.horizon)
+
+
+def rest_posture(links: Chain) -> jax.Array:
+    """[7] rad, joint angles with the tip in the middle of the start cube."""
+    middle = jnp.array([[0.0, 0.0, randomize.START_HEIGHT + randomize.START_HALF_WIDTH]])
+    return inverse_kinematics(links, middle, jnp.zeros((1, 3)))[0][0]
+
+
+def setpoint(mdp: config.Mdp, tip: jax.Array, action: jax.Array) -> jax.Array:
+    """Target of the impedance control: the measured pose displaced by the action, clipped.
+
+    Args:
+      tip: [N, 6] m and rad.
+      action: [N, 6] in [-1, 1].
+    """
+    scale = jnp.array([mdp.translation_scale] * 3 + [mdp.rotation_scale] * 3)
+    moved = tip + jnp.clip(action, -1.0, 1.0) * scale
+    return jnp.clip(moved, jnp.array(SETPOINT_LOW), jnp.array(SETPOINT_HIGH))
+
+
+def inserted(tip: jax.Array, around: Surroundings) -> jax.Array:
+    """[N] bool: the tip is at the bottom of its socket, and not beside the block."""
+    aligned = (jnp.abs(tip[..., :2] - around.socket_offset) < SUCCESS_OFFSET).all(axis=-1)
+    return aligned & (tip[..., 2] < -SUCCESS_DEPTH)
+
+
+def _sense(links, rest, physics, target):
+    """Measured tip pose [N, 6] and observation [N, O]; target is None before the first step."""
+    position, rotation, jacobian = tip_pose(links, physics.qpos)
+    tip = jnp.concatenate([position, rotation_vector(rotation)], axis=-1)
+    twist = jnp.einsum("...ij,...j->...i", jacobian, physics.qvel)
+    error = jnp.zeros_like(position) if target is None else target[..., :3] - position
+    raw = jnp.concatenate([physics.qpos - rest, physics.qvel, tip, twist, error], axis=-1)
+    return tip, jnp.clip(raw / _SCALE, -_CLIP, _CLIP)
+
+
+def _where(mask, yes, no):
+    def pick(a, b):
+        return jnp.where(mask.reshape(mask.shape + (1,) * (a.ndim - mask.ndim)), a, b)
+
+    return jax.tree.map(pick, yes, no)

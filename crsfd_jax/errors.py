@@ -1,0 +1,12 @@
+"""The one error that a user may see: a line that says what to change, and an exit code."""
+
+
+class UserError(ValueError):
+    """Something outside the program is wrong and its user can put it right.
+
+    The message is one line: what, the value found, what is allowed, what to do.
+    """
+
+    def __init__(self, message: str, exit_code: int = 2):
+        super().__init__(message)
+        self.exit_code = exit_code

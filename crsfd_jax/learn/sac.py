@@ -1,0 +1,154 @@
+"""Soft actor-critic on prioritised batches with 1-step and n-step targets (SACfD).
+
+All three gradients are taken at the same parameters and applied by one optimiser step.
+Truncation plays no part here: only a terminal step cuts the bootstrap.
+
+Source: Haarnoja et al. 2018 (arXiv 1812.05905); Vecerik et al. 2017 (arXiv 1707.08817) for
+the mix of 1-step and n-step losses.
+"""
+
+from __future__ import annotations
+
+import chex
+import flax.struct
+import jax
+import jax.numpy as jnp
+import optax
+
+from crsfd_jax.config import Config
+from crsfd_jax.learn.networks import Networks, Params, sample_action
+from crsfd_jax.learn.replay import Backup, Batch
+
+
+@flax.struct.dataclass(kw_only=True)
+class AgentState:
+    """Everything the learner changes."""
+
+    actor: Params
+    critic: Params
+    target_critic: Params
+    log_alpha: jax.Array
+    optimiser: optax.OptState
+
+
+def init(networks: Networks, obs_size: int, key: jax.Array, config: Config) -> AgentState:
+    """Fresh parameters; the target critic starts as a copy of the critic."""
+    actor_key, critic_key = jax.random.split(key)
+    obs, action = jnp.zeros(obs_size), jnp.zeros(networks.actor.action_size)
+    actor = networks.actor.init(actor_key, obs)
+    critic = networks.critic.init(critic_key, obs, action)
+    log_alpha = jnp.log(jnp.asarray(config.sac.initial_alpha, jnp.float32))
+    return AgentState(
+        actor=actor,
+        critic=critic,
+        target_critic=jax.tree.map(jnp.copy, critic),
+        log_alpha=log_alpha,
+        optimiser=_optimiser(config).init((actor, critic, log_alpha)),
+    )
+
+
+def update(
+    networks: Networks, agent: AgentState, batch: Batch, key: jax.Array, config: Config
+) -> tuple[AgentState, jax.Array, dict[str, jax.Array]]:
+    """One gradient step on a batch [B].
+
+    Returns:
+      The new agent, the td_error [B] for the priorities, and scalar metrics.
+    """
+    target_key, actor_key = jax.random.split(key)
+    targets, weights = _targets(networks, agent, batch, target_key, config)
+    (critic_value, (td_error, q)), critic_grad = jax.value_and_grad(critic_loss, has_aux=True)(
+        agent.critic, networks, batch, targets, weights
+    )
+    alpha = jnp.exp(agent.log_alpha)
+    (actor_value, log_prob), actor_grad = jax.value_and_grad(actor_loss, has_aux=True)(
+        agent.actor, networks, agent, batch, actor_key
+    )
+    alpha_grad = jax.grad(temperature_loss)(agent.log_alpha, log_prob, config.sac.target_entropy)
+    agent = _apply(agent, (actor_grad, critic_grad, alpha_grad), config)
+    metrics = {
+        "critic_loss": critic_value,
+        "actor_loss": actor_value,
+        "alpha": alpha,
+        "entropy": -jnp.mean(log_prob),
+        "q": jnp.mean(q),
+        "td_error": jnp.mean(td_error),
+    }
+    return agent, td_error, metrics
+
+
+def critic_loss(
+    critic: Params, networks: Networks, batch: Batch, targets: jax.Array, weights: jax.Array
+) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    """sum_j mean_i w_i sum_k lambda_k (Q_j - y_k)^2.
+
+    Args:
+      targets: [K, B] the 1-step target, then the n-step target if it is used.
+      weights: [K] lambda, 1 for the 1-step target.
+
+    Returns:
+      The loss, and (mean_j |Q_j - y_1| [B], Q [N, B]).
+    """
+    q = networks.critic.apply(critic, batch.obs, batch.action)
+    chex.assert_shape(targets, (weights.shape[0], q.shape[-1]))
+    error = q[:, None, :] - targets
+    loss = jnp.sum(jnp.mean(batch.importance * error**2, axis=-1) * weights)
+    return loss, (jnp.mean(jnp.abs(error[:, 0]), axis=0), q)
+
+
+def actor_loss(
+    actor: Params, networks: Networks, agent: AgentState, batch: Batch, key: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """mean_i w_i [alpha log pi(a|s_i) - min_j Q_j(s_i, a)], and log pi [B]."""
+    action, log_prob = sample_action(networks.actor, actor, batch.obs, key)
+    q = jnp.min(networks.critic.apply(agent.critic, batch.obs, action), axis=0)
+    loss = jnp.mean(batch.importance * (jnp.exp(agent.log_alpha) * log_prob - q))
+    return loss, log_prob
+
+
+def temperature_loss(
+    log_alpha: jax.Array, log_prob: jax.Array, target_entropy: float
+) -> jax.Array:
+    """mean[-alpha (log pi + target entropy)]: alpha falls while the entropy is above it."""
+    return -jnp.exp(log_alpha) * jnp.mean(jax.lax.stop_gradient(log_prob) + target_entropy)
+
+
+def bootstrap_targets(
+    networks: Networks, agent: AgentState, backup: Backup, gamma: float, key: jax.Array
+) -> jax.Array:
+    """r + gamma^m (1 - terminated) [min_j Q'_j(s', a') - alpha log pi(a'|s')], a' fresh."""
+    action, log_prob = sample_action(networks.actor, agent.actor, backup.next_obs, key)
+    q = networks.critic.apply(agent.target_critic, backup.next_obs, action)
+    value = jnp.min(q, axis=0) - jnp.exp(agent.log_alpha) * log_prob
+    return backup.reward + gamma**backup.length * jnp.where(backup.terminated, 0.0, value)
+
+
+def _targets(
+    networks: Networks, agent: AgentState, batch: Batch, key: jax.Array, config: Config
+) -> tuple[jax.Array, jax.Array]:
+    """Targets [K, B] and their loss weights [K]; both bootstraps share one forward pass."""
+    backups, weights = [batch.one_step], [1.0]
+    if config.replay.n_step_weight > 0:
+        backups.append(batch.n_step)
+        weights.append(config.replay.n_step_weight)
+    backup = jax.tree.map(lambda *leaves: jnp.stack(leaves), *backups)
+    targets = bootstrap_targets(networks, agent, backup, config.sac.gamma, key)
+    return targets, jnp.asarray(weights)
+
+
+def _apply(agent: AgentState, gradients: tuple, config: Config) -> AgentState:
+    params = (agent.actor, agent.critic, agent.log_alpha)
+    updates, optimiser = _optimiser(config).update(gradients, agent.optimiser)
+    actor, critic, log_alpha = optax.apply_updates(params, updates)
+    target_critic = optax.incremental_update(critic, agent.target_critic, config.sac.tau)
+    return AgentState(
+        actor=actor,
+        critic=critic,
+        target_critic=target_critic,
+        log_alpha=log_alpha,
+        optimiser=optimiser,
+    )
+
+
+def _optimiser(config: Config) -> optax.GradientTransformation:
+    return optax.adam(config.sac.learning_rate)

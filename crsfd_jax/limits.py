@@ -1,0 +1,103 @@
+"""Ranges and choices written beside a dataclass field, and the check of a whole config.
+
+A field says `gamma: Annotated[float, Interval(0, 1, open="both")]`; `check_limits` refuses
+the first value outside, naming the command-line option that sets it.
+"""
+
+import dataclasses
+import difflib
+import typing
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from crsfd_jax.errors import UserError
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Numbers between two ends; `open` names the ends that are themselves excluded."""
+
+    low: float
+    high: float
+    open: Literal["", "low", "high", "both"] = ""
+
+    def contains(self, value: float) -> bool:
+        above = value > self.low if self.open in ("low", "both") else value >= self.low
+        below = value < self.high if self.open in ("high", "both") else value <= self.high
+        return above and below
+
+    def describe(self, show: Callable[[float], str]) -> str:
+        above = "above" if self.open in ("low", "both") else "at least"
+        below = "below" if self.open in ("high", "both") else "at most"
+        return f"{above} {show(self.low)} and {below} {show(self.high)}"
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """A closed list of words."""
+
+    choices: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ShownAs:
+    """How a message writes a value of the field, such as a length with its unit."""
+
+    show: Callable[[Any], str]
+
+
+def check_limits(config: Any, prefix: str = "--") -> None:
+    """Checks every field of a dataclass, and of the dataclasses in it, against its limits.
+
+    Raises:
+      UserError: the first value that is outside, with the option that sets it.
+    """
+    hints = typing.get_type_hints(type(config), include_extras=True)
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        option = prefix + field.name.replace("_", "-")
+        if dataclasses.is_dataclass(value):
+            check_limits(value, option + ".")
+        else:
+            _check_value(option, value, tuple(_limits_of(hints[field.name])))
+
+
+def choice_message(option: str, value: str, choices: tuple[str, ...]) -> str:
+    """The refusal of a word that is not in a closed list, with the nearest one that is."""
+    near = difflib.get_close_matches(value, choices, n=1)
+    advice = f"did you mean {near[0]}?" if near else "choose one of them"
+    return f"{option}: got {value!r}, allowed: {', '.join(choices)}; {advice}"
+
+
+def _show_number(value: float) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _limits_of(hint: Any) -> Iterator[Any]:
+    if typing.get_origin(hint) is Literal:
+        yield OneOf(typing.get_args(hint))
+    yield from getattr(hint, "__metadata__", ())
+
+
+def _check_value(option: str, value: Any, limits: tuple[Any, ...]) -> None:
+    show = next((limit.show for limit in limits if isinstance(limit, ShownAs)), _show_number)
+    for limit in limits:
+        if isinstance(limit, OneOf) and value not in limit.choices:
+            raise UserError(choice_message(option, value, limit.choices))
+        if isinstance(limit, Interval):
+            _check_numbers(option, value, limit, show)
+
+
+def _check_numbers(
+    option: str, value: Any, limit: Interval, show: Callable[[float], str]
+) -> None:
+    allowed = limit.describe(show)
+    numbers = value if isinstance(value, tuple) else (value,)
+    if not numbers:
+        raise UserError(f"{option}: got no number, allowed: {allowed}; give at least one")
+    for number in numbers:
+        if not limit.contains(number):
+            raise UserError(
+                f"{option}: got {show(number)}, allowed: {allowed}; choose a value in that range"
+            )
