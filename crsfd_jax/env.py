@@ -75,6 +75,15 @@ class Outcome:
     """[N, 6] where the step left the tip."""
 
 
+Reward = Callable[[jax.Array, Surroundings, jax.Array], jax.Array]
+"""(tip [N, 6], surroundings, terminated [N]) -> reward [N]."""
+
+
+def sparse_reward(tip: jax.Array, around: Surroundings, terminated: jax.Array) -> jax.Array:
+    """1 at full insertion, else 0."""
+    return terminated.astype(jnp.float32)
+
+
 class Env(NamedTuple):
     """Pure functions of a task; `key` draws the episodes that start."""
 
@@ -86,7 +95,11 @@ class Env(NamedTuple):
 
 
 def make(
-    engine: Engine, scene: Scene, mdp: config.Mdp, distribution: randomize.Distribution
+    engine: Engine,
+    scene: Scene,
+    mdp: config.Mdp,
+    distribution: randomize.Distribution,
+    reward: Reward = sparse_reward,
 ) -> Env:
     """The task on an engine, with the episodes of a distribution."""
     links = chain(scene)
@@ -108,7 +121,7 @@ def make(
         truncated = finite & ~terminated & (age >= mdp.horizon)
         outcome = Outcome(
             next_obs=next_obs,
-            reward=terminated.astype(jnp.float32),
+            reward=reward(tip, state.around, terminated),
             terminated=terminated,
             truncated=truncated,
             finite=finite,

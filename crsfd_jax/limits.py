@@ -89,9 +89,7 @@ def _check_value(option: str, value: Any, limits: tuple[Any, ...]) -> None:
             _check_numbers(option, value, limit, show)
 
 
-def _check_numbers(
-    option: str, value: Any, limit: Interval, show: Callable[[float], str]
-) -> None:
+def _check_numbers(option: str, value: Any, limit: Interval, show: Callable[[float], str]) -> None:
     allowed = limit.describe(show)
     numbers = value if isinstance(value, tuple) else (value,)
     if not numbers:

@@ -147,13 +147,14 @@ def _check_shapes(demos: Demonstrations, obs_dim: int, action_dim: int) -> None:
         if array.dtype != _dtypes()[name]:
             raise UserError(f"{name} is {array.dtype}, expected {np.dtype(_dtypes()[name])}")
         if array.shape != shape or not array.size:
-            raise UserError(f"{name} has shape {array.shape}, expected {shape or '(N,)'}, not empty")
+            raise UserError(
+                f"{name} has shape {array.shape}, expected {shape or '(N,)'}, not empty"
+            )
 
 
 def _check_values(demos: Demonstrations) -> None:
-    for name, dtype in _dtypes().items():
-        array = getattr(demos, name)
-        bad = np.argwhere(~np.isfinite(array)) if dtype is np.float32 else ()
+    for name in (name for name, dtype in _dtypes().items() if dtype is np.float32):
+        bad = np.argwhere(~np.isfinite(getattr(demos, name)))
         if len(bad):
             raise UserError(f"{len(bad)} non-finite values, first at {name}{bad[0].tolist()}")
     for name, low, high in (("action", -1, 1), ("reward", 0, 1)):

@@ -1,0 +1,195 @@
+"""The run folder: one owner at a time, what the run is made of, and where things lie in it.
+
+config.json     every option, the versions, the device and the command line
+metrics.csv     one row for each evaluation of each seed
+checkpoints/    the newest complete states of the run
+curves.png      success against environment steps
+"""
+
+import contextlib
+import datetime
+import fcntl
+import json
+import logging
+import os
+import platform
+import shutil
+import socket
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from crsfd_jax.config import Config, to_dict
+from crsfd_jax.errors import UserError
+from crsfd_jax.files import sync, write_atomically
+
+PACKAGES = (
+    "jax",
+    "jaxlib",
+    "mujoco",
+    "mujoco-mjx",
+    "flax",
+    "optax",
+    "orbax-checkpoint",
+    "crsfd-jax",
+)
+COPIES = 3
+"""Checkpoints that exist at once: two kept and one being written."""
+
+_LOCK, _CONFIG = ".lock", "config.json"
+_log = logging.getLogger(__name__)
+
+
+class RunFolder(NamedTuple):
+    """Where the parts of a run lie."""
+
+    path: Path
+    metrics: Path
+    checkpoints: Path
+    curves: Path
+
+
+@contextlib.contextmanager
+def open_run(
+    path: str | Path, config: Config, device: str, command: Sequence[str], checkpoint_bytes: int
+) -> Iterator[RunFolder]:
+    """Creates a run folder, or reopens that of the same run; it is ours while the block lasts.
+
+    Args:
+      device: what the run computes on, in words.
+      checkpoint_bytes: size of one checkpoint; the disk must have room for what is kept.
+
+    Raises:
+      UserError: another process runs in it, it holds something else or a run with other
+        options, it cannot be written, or the disk is too full.
+    """
+    path = Path(path).absolute()
+    run = RunFolder(path, path / "metrics.csv", path / "checkpoints", path / "curves.png")
+    try:
+        _refuse_foreign(path)
+        path.mkdir(parents=True, exist_ok=True)
+        with _locked(path):
+            _refuse_full_disk(run, checkpoint_bytes)
+            _write_or_compare(path / _CONFIG, _manifest(config, device, command))
+            run.checkpoints.mkdir(exist_ok=True)
+            sync(path)
+            yield run
+    except OSError as error:
+        if error.filename is None or not Path(error.filename).is_relative_to(path):
+            raise
+        raise UserError(
+            f"{path}: cannot be written: {error.strerror}; choose another --out"
+        ) from error
+
+
+def _refuse_foreign(path: Path) -> None:
+    if path.exists() and not path.is_dir():
+        raise UserError(f"{path}: is a file; choose another --out")
+    found = {entry.name for entry in path.iterdir()} if path.exists() else set()
+    if found and not found & {_LOCK, _CONFIG}:
+        raise UserError(
+            f"{path}: holds other files ({min(found)}), expected a new folder or a run; "
+            "choose another --out"
+        )
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    # The kernel frees the lock when its owner dies in any way, so a stale file is harmless.
+    with (path / _LOCK).open("a+", encoding="utf-8") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.seek(0)
+            owner = lock.read().strip() or "another process"
+            raise UserError(
+                f"{path}: in use by {owner}; wait for it or choose another --out"
+            ) from None
+        lock.truncate(0)
+        now = datetime.datetime.now().isoformat(timespec="seconds")
+        lock.write(f"process {os.getpid()} on {socket.gethostname()} since {now}")
+        lock.flush()
+        yield
+
+
+def _refuse_full_disk(run: RunFolder, checkpoint_bytes: int) -> None:
+    present = len(list(run.checkpoints.iterdir())) if run.checkpoints.exists() else 0
+    needed = checkpoint_bytes * max(1, COPIES - present)
+    free = shutil.disk_usage(run.path).free
+    if free < needed:
+        raise UserError(
+            f"{run.path}: the disk has {free / 1e6:.0f} MB free, expected {needed / 1e6:.0f} MB "
+            "for checkpoints; free some, choose another --out or lower --replay.capacity"
+        )
+
+
+def _manifest(config: Config, device: str, command: Sequence[str]) -> dict[str, Any]:
+    return {
+        "config": to_dict(config),
+        "versions": versions(),
+        "device": device,
+        "command": list(command),
+        "started": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that decide what a run computes."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
+
+
+def _write_or_compare(path: Path, manifest: dict[str, Any]) -> None:
+    if path.exists():
+        old = _read_manifest(path)
+        _refuse_other_run(path, old["config"], _as_json(manifest["config"]))
+        for name in ("versions", "device"):
+            if old[name] != manifest[name]:
+                _log.warning(
+                    "%s: started with other %s, the last digits may differ: %s, now %s",
+                    *(path.parent, name, old[name], manifest[name]),
+                )
+        manifest = old | {"config": manifest["config"]}
+    text = json.dumps(manifest, indent=2) + "\n"
+    write_atomically(path, lambda stream: stream.write(text.encode()))
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    try:
+        manifest = json.loads(path.read_bytes())
+    except ValueError as error:
+        raise UserError(f"{path}: is damaged ({error}); choose another --out") from error
+    if not isinstance(manifest, dict) or not {"config", "versions", "device"} <= manifest.keys():
+        raise UserError(f"{path}: is not the description of a run; choose another --out")
+    return manifest
+
+
+def _refuse_other_run(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
+    before, after = dict(_flatten(old)), dict(_flatten(new))
+    changed = [
+        f"{name} {before.get(name)} -> {after.get(name)}"
+        for name in sorted(before.keys() | after.keys())
+        if before.get(name) != after.get(name) and name != "out"
+        if name != "steps" or after[name] < before[name]
+    ]
+    if changed:
+        raise UserError(
+            f"{path.parent}: holds a run with other options: {', '.join(changed)}; use its "
+            "options (only --steps may grow) or another --out"
+        )
+
+
+def _as_json(values: Mapping[str, Any]) -> dict[str, Any]:
+    return json.loads(json.dumps(values))
+
+
+def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flatten(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value

@@ -1,0 +1,39 @@
+"""Success rate of the deterministic policy on fresh episodes."""
+
+import flax.struct
+import jax
+import jax.numpy as jnp
+
+from crsfd_jax.env import Env
+from crsfd_jax.learn.networks import Networks, Params, mode_action
+
+
+@flax.struct.dataclass(kw_only=True)
+class Episodes:
+    """How K episodes went; [K] each."""
+
+    success: jax.Array
+    length: jax.Array
+    """int32 control steps, the horizon if the peg was not inserted."""
+
+
+def run(env: Env, nets: Networks, actor: Params, key: jax.Array, episodes: int) -> Episodes:
+    """Plays whole episodes from fresh starts; success is insertion at any time before the limit.
+
+    Every environment plays exactly one episode: what happens after its end is not counted.
+    """
+    reset_key, key = jax.random.split(key)
+
+    def step(carry, key):
+        state, running, success, length = carry
+        action = mode_action(nets.actor, actor, state.obs)
+        state, outcome = env.step(state, action, key)
+        over = outcome.terminated | outcome.truncated | ~outcome.finite
+        success = success | (running & outcome.terminated)
+        return (state, running & ~over, success, length + running), None
+
+    start = env.reset(reset_key, episodes)
+    running, success = jnp.ones(episodes, bool), jnp.zeros(episodes, bool)
+    carry = (start, running, success, jnp.zeros(episodes, jnp.int32))
+    (_, _, success, length), _ = jax.lax.scan(step, carry, jax.random.split(key, env.horizon))
+    return Episodes(success=success, length=length)

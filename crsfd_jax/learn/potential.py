@@ -1,0 +1,128 @@
+"""Conservative value function of the demonstrations, the potential of reward shaping.
+
+A network is regressed to the Monte-Carlo returns on demonstrated states and to zero on states
+drawn from free space. Its output lies between 0 and 1, the largest return of a task that
+pays 1 once: a negative potential would reward standing still.
+
+Source: Guo et al. 2022, Algorithm 1.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+import flax.struct
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from flax import linen as nn
+
+from crsfd_jax import config
+from crsfd_jax.learn.networks import Params
+from crsfd_jax.learn.returns import monte_carlo_returns
+from crsfd_jax.types import Transition
+
+SampleFreeSpace = Callable[[jax.Array, int], jax.Array]
+"""Maps a key and a count n to features [n, F] spread over the free space."""
+NUM_PROBES = 4096
+"""Free-space states that the fit is judged on."""
+
+
+@flax.struct.dataclass(kw_only=True)
+class Potential:
+    """A fitted potential; frozen while the policy learns."""
+
+    params: Params
+    hidden: tuple[int, ...] = flax.struct.field(pytree_node=False)
+
+
+class _Value(nn.Module):
+    hidden: tuple[int, ...]
+
+    @nn.compact
+    def __call__(self, features: jax.Array) -> jax.Array:
+        x = features
+        for width in self.hidden:
+            x = nn.relu(nn.Dense(width)(x))
+        return nn.sigmoid(nn.Dense(1)(x).squeeze(-1))
+
+
+def demonstration_targets(
+    demos: Transition, potential: config.Potential
+) -> tuple[np.ndarray, np.ndarray]:
+    """Observations [D', O] of the demonstrations and the values [D'] to regress them to.
+
+    With `potential.terminal` at "keep", the success states are appended: one step on from a
+    return of 1, so at min(1 / gamma_0, 1).
+    """
+    obs = np.asarray(demos.obs)
+    targets = monte_carlo_returns(demos, potential.gamma)
+    if potential.terminal == "keep":
+        success_obs = np.asarray(demos.next_obs)[np.asarray(demos.terminated)]
+        success_value = min(1.0 / potential.gamma, 1.0)
+        obs = np.concatenate([obs, success_obs])
+        targets = np.concatenate([targets, np.full(len(success_obs), success_value, np.float32)])
+    return obs, targets
+
+
+@functools.partial(jax.jit, static_argnames=("sample_free_space", "potential"))
+def fit(
+    key: jax.Array,
+    features: jax.Array,
+    targets: jax.Array,
+    sample_free_space: SampleFreeSpace,
+    potential: config.Potential,
+) -> tuple[Potential, dict[str, jax.Array]]:
+    """Runs the regression on features [D, F] with targets [D] in [0, 1].
+
+    Returns:
+      The potential, and how good it is: root-mean-square error on the demonstrations, mean
+      and maximum over fresh free-space states, and the last regression loss.
+    """
+    init_key, loop_key, probe_key = jax.random.split(key, 3)
+    params = _Value(tuple(potential.hidden)).init(init_key, features[0])
+    optimiser = optax.adam(potential.learning_rate)
+
+    def regress(carry, step_key):
+        fitted, opt_state = carry
+        demo_key, free_key = jax.random.split(step_key)
+        rows = jax.random.randint(demo_key, (potential.batch_size,), 0, features.shape[0])
+        free = sample_free_space(free_key, potential.batch_size)
+        loss, gradient = jax.value_and_grad(regression_loss)(
+            fitted, features[rows], targets[rows], free, potential.free_space_weight
+        )
+        updates, opt_state = optimiser.update(gradient, opt_state)
+        return (optax.apply_updates(fitted, updates), opt_state), loss
+
+    start = (Potential(params=params, hidden=tuple(potential.hidden)), None)
+    start = (start[0], optimiser.init(start[0]))
+    (fitted, _), losses = jax.lax.scan(
+        regress, start, jax.random.split(loop_key, potential.steps)
+    )
+    on_free_space = evaluate(fitted, sample_free_space(probe_key, NUM_PROBES))
+    diagnostics = {
+        "demo_rmse": jnp.sqrt(jnp.mean((evaluate(fitted, features) - targets) ** 2)),
+        "free_space_mean": jnp.mean(on_free_space),
+        "free_space_max": jnp.max(on_free_space),
+        "loss": losses[-1],
+    }
+    return fitted, diagnostics
+
+
+def evaluate(potential: Potential, features: jax.Array) -> jax.Array:
+    """Potential [...] in [0, 1] of features [..., F]."""
+    return _Value(potential.hidden).apply(potential.params, features)
+
+
+def regression_loss(
+    potential: Potential,
+    features: jax.Array,
+    targets: jax.Array,
+    free_space: jax.Array,
+    free_space_weight: float,
+) -> jax.Array:
+    """Mean squared error on demonstrations plus lambda times the mean square in free space."""
+    demo_term = jnp.mean((evaluate(potential, features) - targets) ** 2)
+    return demo_term + free_space_weight * jnp.mean(evaluate(potential, free_space) ** 2)

@@ -1,0 +1,22 @@
+"""Confidence intervals of success rates."""
+
+import math
+
+Z_95 = 1.959963984540054
+"""The 0.975 quantile of the standard normal distribution."""
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """95 % interval of a success rate, honest also near 0 and 1 and for few trials.
+
+    Raises:
+      ValueError: not 0 <= successes <= trials, or no trial.
+
+    Source: Wilson 1927; Brown, Cai, DasGupta 2001, equation 4.
+    """
+    if trials < 1 or not 0 <= successes <= trials:
+        raise ValueError(f"got {successes} successes in {trials} trials, allowed: 0 to trials >= 1")
+    rate, z2 = successes / trials, Z_95**2
+    centre = (successes + z2 / 2) / (trials + z2)
+    half = Z_95 / (trials + z2) * math.sqrt(trials * rate * (1 - rate) + z2 / 4)
+    return max(0.0, centre - half), min(1.0, centre + half)

@@ -1,0 +1,127 @@
+"""One fused training step: act, simulate, store, sample, reward, update, reprioritise.
+
+Everything here is for one seed; the trainer vmaps over seeds and scans over steps. The step
+counter is the same for all seeds and stays outside the state, so that its branches stay branches.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import flax.struct
+import jax
+import jax.numpy as jnp
+
+from crsfd_jax.algorithms.method import Method, Preparation
+from crsfd_jax.config import Config
+from crsfd_jax.env import ACTION_SIZE, OBS_SIZE, Env, EnvState, Outcome
+from crsfd_jax.learn import networks, replay, sac
+from crsfd_jax.types import Transition
+
+
+@flax.struct.dataclass(kw_only=True)
+class TrainState:
+    """All that one seed carries from step to step."""
+
+    agent: sac.AgentState
+    prepared: Any
+    """What the method learned from the demonstrations, frozen."""
+    replay: replay.ReplayState
+    env: EnvState
+    key: jax.Array
+
+
+class Learner(NamedTuple):
+    """Functions of one run, with its options bound."""
+
+    init: Callable[[jax.Array, Preparation], TrainState]
+    """(key, preparation) -> state of one seed before its first step."""
+    step: Callable[[TrainState, jax.Array], tuple[TrainState, dict[str, jax.Array]]]
+    """(state, step) -> state after one vector step, metrics."""
+    nets: networks.Networks
+
+
+def make(env: Env, method: Method, config: Config) -> Learner:
+    """The learner of a method on an environment."""
+    config = method.configure(config)
+    nets = networks.make_networks(config.sac, ACTION_SIZE)
+    warmup = -(-config.sac.warmup_steps // config.envs)
+
+    def init(key: jax.Array, preparation: Preparation) -> TrainState:
+        agent_key, method_key, env_key, age_key, key = jax.random.split(key, 5)
+        demos = preparation.demos
+        if not method.uses_demos:
+            demos = jax.tree.map(lambda x: x[:0], demos)
+        start = env.reset(env_key, config.envs)
+        # Environments begin at different ages, so that their resets do not come in waves.
+        age = jax.random.randint(age_key, (config.envs,), 0, env.horizon)
+        return TrainState(
+            agent=sac.init(nets, OBS_SIZE, agent_key, config),
+            prepared=method.prepare(method_key, preparation, config),
+            replay=replay.init(demos, config.envs, config.replay),
+            env=start.replace(age=age),
+            key=key,
+        )
+
+    def step(state: TrainState, step: jax.Array) -> tuple[TrainState, dict[str, jax.Array]]:
+        act_key, env_key, draw_key, update_key, key = jax.random.split(state.key, 5)
+        action = _act(nets, state, step < warmup, act_key)
+        next_env, outcome = env.step(state.env, action, env_key)
+        transition = _transition(state.env, action, outcome)
+        buffer = replay.add(state.replay, transition, outcome.finite, step)
+        state = state.replace(env=next_env, replay=buffer, key=key)
+
+        def learn(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
+            return _learn(nets, method, config, state, step, draw_key, update_key)
+
+        idle = jax.tree.map(jnp.zeros_like, jax.eval_shape(learn, state)[1])
+        state, losses = jax.lax.cond(step < warmup, lambda s: (s, idle), learn, state)
+        return state, {**losses, **_tally(outcome)}
+
+    return Learner(init=init, step=step, nets=nets)
+
+
+def _act(nets, state, warming_up, key):
+    """Actions [E, A]: uniform during warm-up, then sampled from the policy."""
+    policy_key, uniform_key = jax.random.split(key)
+    action, _ = networks.sample_action(nets.actor, state.agent.actor, state.env.obs, policy_key)
+    uniform = jax.random.uniform(uniform_key, action.shape, minval=-1.0, maxval=1.0)
+    return jnp.where(warming_up, uniform, action)
+
+
+def _transition(before: EnvState, action: jax.Array, outcome: Outcome) -> Transition:
+    return Transition(
+        obs=before.obs,
+        action=action,
+        reward=outcome.reward,
+        next_obs=outcome.next_obs,
+        terminated=outcome.terminated,
+        truncated=outcome.truncated,
+    )
+
+
+def _learn(nets, method, config, state, step, draw_key, update_key):
+    """All gradient updates of a vector step, and the new priorities."""
+    shape = (config.sac.updates_per_step, config.sac.batch_size)
+    draw = replay.draw(state.replay, step, draw_key, shape, config.replay)
+    rewards = state.replay.storage.reward[draw.rows]
+    batches = replay.gather(state.replay, draw, rewards, config.sac.gamma)
+    batches = method.reward(state.prepared, batches, config)
+
+    def update(agent, each):
+        batch, key = each
+        agent, td_error, metrics = sac.update(nets, agent, batch, key, config)
+        return agent, (td_error, metrics)
+
+    keys = jax.random.split(update_key, config.sac.updates_per_step)
+    agent, (td_error, metrics) = jax.lax.scan(update, state.agent, (batches, keys))
+    buffer = replay.reprioritise(state.replay, draw, td_error, config.replay)
+    metrics = {**metrics, "demo_share": jnp.mean(batches.is_demo, dtype=jnp.float32)}
+    return state.replace(agent=agent, replay=buffer), jax.tree.map(jnp.mean, metrics)
+
+
+def _tally(outcome: Outcome) -> dict[str, jax.Array]:
+    return {
+        "episodes": jnp.sum(outcome.terminated | outcome.truncated),
+        "successes": jnp.sum(outcome.terminated),
+        "nonfinite": jnp.sum(~outcome.finite),
+    }

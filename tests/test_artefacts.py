@@ -1,0 +1,146 @@
+"""The run folder: one owner, one set of options, and nobody else's files."""
+
+import dataclasses
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections import namedtuple
+
+import pytest
+
+from crsfd_jax import artefacts
+from crsfd_jax.artefacts import open_run
+from crsfd_jax.config import Config, Sac
+from crsfd_jax.errors import UserError
+
+HOLDER = """
+import sys, time
+from crsfd_jax.artefacts import open_run
+from crsfd_jax.config import Config
+
+with open_run(sys.argv[1], Config(), "cpu", [], 0):
+    print("mine", flush=True)
+    time.sleep(60)
+"""
+
+
+def enter(path, config=Config(), checkpoint_bytes=1000, device="cpu"):  # noqa: B008
+    with open_run(path, config, device, ["train"], checkpoint_bytes) as run:
+        return run
+
+
+def refusal(*args, **options) -> str:
+    with pytest.raises(UserError) as error:
+        enter(*args, **options)
+    assert error.value.exit_code == 2
+    return str(error.value)
+
+
+def snapshot(folder):
+    return {p: p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_a_new_folder_records_options_versions_device_and_command(tmp_path):
+    run = enter(tmp_path / "a" / "b", Config(shift=0.008), device="2 cores")
+    manifest = json.loads((run.path / "config.json").read_text())
+    assert manifest["config"]["shift"] == 0.008 and manifest["config"]["sac"]["hidden"] == [
+        128,
+        128,
+    ]
+    assert {"python", "jax", "mujoco", "mujoco-mjx", "flax", "optax"} <= manifest["versions"].keys()
+    assert (manifest["device"], manifest["command"]) == ("2 cores", ["train"])
+    assert run.checkpoints.is_dir()
+
+
+def test_the_same_options_reopen_the_run_and_keep_its_record(tmp_path):
+    enter(tmp_path / "run")
+    before = json.loads((tmp_path / "run" / "config.json").read_text())
+    enter(tmp_path / "run", Config(out="another/way/to/run"))
+    after = json.loads((tmp_path / "run" / "config.json").read_text())
+    assert after["started"] == before["started"]
+
+
+def test_more_steps_continue_a_run_and_fewer_do_not(tmp_path):
+    enter(tmp_path / "run", Config(steps=10_000))
+    enter(tmp_path / "run", Config(steps=20_000))
+    assert "steps 20000 -> 10000" in refusal(tmp_path / "run", Config(steps=10_000))
+
+
+def test_other_options_are_refused_with_old_and_new_values_and_nothing_changes(tmp_path):
+    enter(tmp_path / "run")
+    before = snapshot(tmp_path)
+    message = refusal(tmp_path / "run", Config(envs=32, sac=Sac(gamma=0.9)))
+    assert "envs 64 -> 32, sac.gamma 0.98 -> 0.9" in message
+    lock = tmp_path / "run" / ".lock"
+    assert {p: b for p, b in snapshot(tmp_path).items() if p != lock} == {
+        p: b for p, b in before.items() if p != lock
+    }
+
+
+def test_a_folder_with_other_content_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("mine")
+    assert "thesis.tex" in refusal(tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_file_in_the_way_is_refused(tmp_path):
+    (tmp_path / "run").write_text("mine")
+    assert "is a file" in refusal(tmp_path / "run")
+    assert "cannot be written" in refusal(tmp_path / "run" / "deeper")
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"config": {}}', "\x00"])
+def test_a_damaged_record_is_refused_by_name(tmp_path, content):
+    enter(tmp_path / "run")
+    (tmp_path / "run" / "config.json").write_text(content)
+    assert "config.json" in refusal(tmp_path / "run")
+
+
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path, monkeypatch):
+    def denied(descriptor):
+        raise PermissionError(13, "Permission denied", str(tmp_path / "run" / "config.json"))
+
+    monkeypatch.setattr(os, "fsync", denied)
+    assert "cannot be written: Permission denied" in refusal(tmp_path / "run")
+
+
+def test_an_error_inside_the_block_is_not_mistaken_for_a_bad_folder(tmp_path):
+    with pytest.raises(FileNotFoundError), open_run(tmp_path / "run", Config(), "cpu", [], 0):
+        (tmp_path / "elsewhere").read_text()
+
+
+def test_a_disk_without_room_for_the_checkpoints_is_refused(tmp_path, monkeypatch):
+    usage = namedtuple("usage", "free")(free=2_500_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    message = refusal(tmp_path / "run", checkpoint_bytes=1_000_000)
+    assert "2 MB free, expected 3 MB" in message
+    run = enter(tmp_path / "run", checkpoint_bytes=800_000)
+    for step in ("10", "20"):
+        (run.checkpoints / step).mkdir()
+    enter(tmp_path / "run", checkpoint_bytes=2_000_000)
+
+
+def test_other_versions_are_told_when_a_run_is_continued(tmp_path, monkeypatch, caplog):
+    enter(tmp_path / "run")
+    monkeypatch.setattr(artefacts, "versions", lambda: {"jax": "9.9"})
+    enter(tmp_path / "run")
+    assert "9.9" in caplog.text and "versions" in caplog.text
+
+
+def test_a_second_process_is_refused_and_a_killed_one_frees_the_folder(tmp_path):
+    command = [sys.executable, "-c", HOLDER, str(tmp_path / "run")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None and holder.stdout.readline() == "mine\n"
+        assert f"in use by process {holder.pid} on " in refusal(tmp_path / "run")
+        holder.send_signal(signal.SIGKILL)
+    enter(tmp_path / "run")
+
+
+def test_every_option_but_steps_and_out_counts_as_another_run(tmp_path):
+    enter(tmp_path / "run")
+    for field, value in (("seeds", 6), ("demos", "x.npz"), ("smoke", True), ("shape", "3")):
+        changed = dataclasses.replace(Config(), **{field: value})
+        assert f"{field} " in refusal(tmp_path / "run", changed)

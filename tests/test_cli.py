@@ -1,0 +1,190 @@
+"""The command line: what is accepted, and the one line that answers everything else."""
+
+import dataclasses
+import math
+import subprocess
+import sys
+import typing
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from crsfd_jax import cli
+from crsfd_jax.config import ALGORITHMS, Config, Sac, run_name, to_dict, validate
+from crsfd_jax.errors import UserError
+from crsfd_jax.limits import Interval, check_limits
+
+PROGRAM = """
+import sys
+from crsfd_jax import cli
+from crsfd_jax.config import Config, run_name
+
+def run(argv):
+    print(run_name(cli.parse(Config, argv)))
+    heavy = {"jax", "mujoco", "flax"} & set(sys.modules)
+    if heavy:
+        raise SystemExit(f"imported {heavy}")
+
+cli.main(run)
+"""
+
+BAD = {
+    "--shape 7": "--shape: got '7', allowed: 0, 1, 2, 3, 4; choose one of them",
+    "--shape": "--shape: got no value",
+    "--shap 2": "--shap: got an unknown option, allowed: the options in --help; did you mean --shap",
+    "--sac.gama 0.9": "did you mean --sac.gamma?",
+    "--gamma 0.9": "did you mean --potential.gamma or --sac.gamma?",
+    "--frobnicate": "--frobnicate: got an unknown option",
+    "--frobnicate=3": "--frobnicate: got an unknown option",
+    "stray": "stray: got a value without an option",
+    "--smoke 3": "3: got a value without an option",
+    "--shift 8": "--shift: got '8', allowed: a non-negative number with the unit mm, cm or m",
+    "--shift -1mm": "--shift: got '-1mm'",
+    "--shift 1e9mm": "--shift: got 1e+09mm, allowed: at least 0mm and at most 20mm",
+    "--shift nanmm": "--shift: got 'nanmm'",
+    "--shift=": "--shift: got ''",
+    "--scene.clearance 0mm": "--scene.clearance: got 0mm, allowed: above 0mm and at most 20mm",
+    "--scene.clearance 10mm --scene.footprint 8mm": "--scene.clearance: got 10mm, allowed: below",
+    "--seeds 0": "--seeds: got 0, allowed: at least 1 and at most 10000",
+    "--seeds -1": "--seeds: got -1",
+    "--seeds 1.5": "--seeds: got '1.5', allowed: a whole number",
+    "--seeds nan": "--seeds: got 'nan', allowed: a whole number",
+    "--seed -1": "--seed: got -1",
+    "--steps -5": "--steps: got -5",
+    "--steps 1e5": "--steps: got '1e5', allowed: a whole number",
+    "--steps 2000": "--sac.warmup-steps: got 2000, allowed: below --steps (2000)",
+    "--algorithm foo": "--algorithm: got 'foo', allowed: crsfd, sacfd, sac; choose one of them",
+    "--algorithm sacdf": "did you mean sacfd?",
+    "--engine foo": "--engine: got 'foo', allowed: auto, native, mjx, warp; choose one of them",
+    "--sac.gamma 1": "--sac.gamma: got 1, allowed: above 0 and below 1",
+    "--sac.gamma 0": "--sac.gamma: got 0",
+    "--potential.gamma 1.5": "--potential.gamma: got 1.5",
+    "--potential.gamma 0.99": "--potential.gamma: got 0.99, allowed: at most --sac.gamma (0.98)",
+    "--sac.learning-rate -1e-3": "--sac.learning-rate: got -0.001, allowed: above 0 and at most 1",
+    "--sac.learning-rate nan": "--sac.learning-rate: got nan",
+    "--sac.learning-rate inf": "--sac.learning-rate: got inf",
+    "--sac.learning-rate x": "--sac.learning-rate: got 'x', allowed: a number",
+    "--sac.hidden": "--sac.hidden: got no number",
+    "--sac.hidden 64 0": "--sac.hidden: got 0",
+    "--sac.hidden a": "--sac.hidden: got ['a']",
+    "--envs 0": "--envs: got 0",
+    "--envs 63": "--replay.capacity: got 307200, allowed: multiples of --envs (63); use 307188",
+    "--replay.capacity 32": "--replay.capacity: got 32, allowed: multiples of --envs (64); use 64",
+    "--evaluation.episodes 0": "--evaluation.episodes: got 0",
+}
+
+
+def run_program(arguments: list[str]) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", PROGRAM, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30)
+
+
+@pytest.mark.parametrize(("line", "answer"), BAD.items())
+def test_a_bad_command_line_is_answered_with_option_value_and_advice(line, answer):
+    with pytest.raises(UserError) as error:
+        cli.parse(Config, line.split(" "))
+    assert answer in str(error.value)
+    assert "; " in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_bad_command_line_ends_with_one_line_on_stderr_and_exit_code_2():
+    result = run_program(["--shape", "7"])
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr == "error: --shape: got '7', allowed: 0, 1, 2, 3, 4; choose one of them\n"
+
+
+def test_a_good_command_line_is_parsed_without_importing_jax_or_mujoco():
+    result = run_program(["--shape", "3", "--shift", "8mm", "--seed", "5"])
+    assert (result.returncode, result.stdout) == (0, "crsfd-shape3-shift8mm-seed5x5\n"), (
+        result.stderr
+    )
+
+
+def test_help_lists_every_option_and_ends_with_exit_code_0():
+    result = run_program(["--help"])
+    assert result.returncode == 0 and result.stderr == ""
+    for option in ("--shape", "--shift", "--sac.learning-rate", "--potential.terminal"):
+        assert option in result.stdout
+
+
+def test_the_error_of_a_program_becomes_its_exit_code_and_one_line(monkeypatch, capsys):
+    def stop(_):
+        raise UserError("cannot\ngo on", exit_code=75)
+
+    with pytest.raises(SystemExit) as end:
+        cli.main(stop)
+    assert end.value.code == 75
+    assert capsys.readouterr().err == "error: cannot go on\n"
+
+
+def test_the_value_a_program_returns_is_its_exit_code():
+    for returned, code in ((None, 0), (0, 0), (1, 1)):
+        with pytest.raises(SystemExit) as end:
+            cli.main(lambda _, returned=returned: returned)
+        assert end.value.code == code
+
+
+def test_defaults_are_valid_and_survive_the_command_line():
+    validate(Config())
+    assert cli.parse(Config, []) == Config()
+    assert to_dict(Config())["sac"]["hidden"] == (128, 128)
+
+
+def test_both_ends_of_an_interval_are_kept_or_left_out_as_it_says():
+    for ends, low, high in (("", True, True), ("low", False, True), ("both", False, False)):
+        interval = Interval(0, 1, open=ends)
+        assert (interval.contains(0), interval.contains(1)) == (low, high)
+        assert interval.contains(0.5) and not interval.contains(math.nan)
+
+
+def test_every_number_of_the_configuration_has_a_range():
+    def numbers_without_range(config_type):
+        for name, hint in typing.get_type_hints(config_type, include_extras=True).items():
+            base = getattr(hint, "__origin__", hint)
+            if dataclasses.is_dataclass(hint):
+                yield from numbers_without_range(hint)
+            limits = getattr(hint, "__metadata__", ())
+            is_number = base in (int, float) or typing.get_origin(base) is tuple
+            if is_number and not any(isinstance(limit, Interval) for limit in limits):
+                yield f"{config_type.__name__}.{name}"
+
+    assert list(numbers_without_range(Config)) == []
+
+
+def test_a_configuration_made_in_python_is_checked_like_one_from_the_command_line():
+    with pytest.raises(UserError, match=r"--sac.hidden: got no number"):
+        validate(Config(sac=Sac(hidden=())))
+    with pytest.raises(UserError, match=r"--engine: got 'foo'"):
+        check_limits(Config(engine="foo"))  # type: ignore[arg-type]
+
+
+def test_a_run_is_named_by_what_tells_it_apart():
+    config = Config(shape="2", shift=0.008, algorithm="sacfd", seed=3, seeds=2)
+    assert run_name(config) == "sacfd-shape2-shift8mm-seed3x2"
+    assert run_name(dataclasses.replace(config, smoke=True)).endswith("-smoke")
+    assert len({run_name(Config(algorithm=name)) for name in ALGORITHMS}) == len(ALGORITHMS)
+
+
+OPTIONS = st.sampled_from(
+    "--shape --shift --seeds --sac.hidden --engine --smoke --no-smoke -- -h --replay.capacity "
+    "--potential.gamma --sac --out --potential.terminal=zero".split()
+)
+VALUES = st.one_of(
+    st.sampled_from(
+        ["2", "8mm", "-1", "nan", "1e400", "", "64", "auto", "0.5", "é", "\udcff", "│"]
+    ),
+    st.text(st.characters(blacklist_characters="\0"), max_size=8),
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.one_of(OPTIONS, VALUES), max_size=6))
+def test_any_argument_list_gives_a_configuration_help_or_one_line(argv):
+    try:
+        validate(cli.parse(Config, argv))
+    except UserError as error:
+        assert error.exit_code == 2 and len(str(error)) > 10
+    except SystemExit as stop:
+        assert stop.code in (None, 0) and {"-h", "--help"} & set(argv)
