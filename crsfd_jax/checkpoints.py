@@ -17,12 +17,21 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from orbax.checkpoint import v1 as ocp
 
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import sync, sync_tree
+from crsfd_jax.leaves import (
+    digest,
+    from_numpy,
+    key_implementation,
+    named_leaves,
+    stored_bytes,
+    stored_type,
+    to_numpy,
+    type_name,
+)
 
 KEEP = 2
 
@@ -52,31 +61,27 @@ def save(folder: Path, step: int, state: Any, extra: dict[str, Any]) -> None:
       UserError: it cannot be written, such as on a full disk; older checkpoints stay.
     """
     folder = folder.absolute()
+    folder.mkdir(parents=True, exist_ok=True)
     leaves = named_leaves(state)
     arrays = [to_numpy(leaf) for leaf in leaves.values()]
     described = {
-        name: description(leaf, array)
+        name: {
+            "type": type_name(leaf),
+            "implementation": key_implementation(leaf),
+            "sha256": digest(array),
+        }
         for (name, leaf), array in zip(leaves.items(), arrays, strict=True)
     }
     body = json.dumps({"leaves": described, "extra": extra})
     # orbax refuses empty arrays; their type says all about them.
     stored = {_slot(i): array for i, array in enumerate(arrays) if array.size}
-    context = ocp.Context()
-    context.array.saving.use_compression = False
     try:
         _discard(folder / str(step))
-        with context:
-            ocp.save_checkpointables(
-                str(folder / str(step)),
-                {"state": stored},
-                custom_metadata={"body": body, "sha256": _text_digest(body)},
-            )
-        sync_tree(folder / str(step))
-        sync(folder)
+        _write(folder / str(step), stored, body)
     except (OSError, ValueError) as error:
         with contextlib.suppress(OSError):
             _remove_leftovers(folder)
-        raise UserError(_storage_message(folder, step, state_bytes(state), error)) from error
+        raise UserError(_storage_message(folder, step, stored_bytes(state), error)) from error
     for old in _steps(folder)[KEEP:]:
         _discard(folder / str(old))
 
@@ -109,10 +114,15 @@ def restore(folder: Path, like: Any) -> Checkpoint | None:
     return None
 
 
-def state_bytes(state: Any) -> int:
-    """Size of a checkpoint of a state, or of its structure, on disk."""
-    types = map(stored_type, jax.tree.leaves(state))
-    return sum(math.prod(shape) * dtype.itemsize for shape, dtype in types)
+def _write(path: Path, stored: dict[str, np.ndarray], body: str) -> None:
+    context = ocp.Context()
+    # Float noise hardly shrinks, and compressing it takes longer than writing it.
+    context.array.saving.use_compression = False
+    description: Any = {"body": body, "sha256": _text_digest(body)}
+    with context, _orbax_silenced():
+        ocp.save_checkpointables(str(path), {"state": stored}, custom_metadata=description)
+    sync_tree(path)
+    sync(path.parent)
 
 
 def _read(path: Path, step: int, like: Any) -> Checkpoint:
@@ -132,7 +142,7 @@ def _read(path: Path, step: int, like: Any) -> Checkpoint:
         described = body["leaves"][name]
         if digest(array) != described["sha256"]:
             raise _Damaged(f"digest of {name}")
-        leaves.append(from_numpy(array, leaf, described["impl"]))
+        leaves.append(from_numpy(array, leaf, described["implementation"]))
     state = jax.tree.unflatten(jax.tree.structure(like), leaves)
     return Checkpoint(step, state, body["extra"])
 
@@ -140,26 +150,35 @@ def _read(path: Path, step: int, like: Any) -> Checkpoint:
 def _read_body(path: Path) -> dict[str, Any]:
     with _damage_reported():
         description: Any = ocp.checkpointables_metadata(str(path)).custom_metadata
-        body, digest = description["body"], description["sha256"]
-    if _text_digest(body) != digest:
+        body = description["body"]
+        is_intact = _text_digest(body) == description["sha256"]
+    if not is_intact:
         raise _Damaged("digest of the description")
     return json.loads(body)
 
 
 @contextlib.contextmanager
 def _damage_reported() -> Iterator[None]:
-    # orbax answers damaged files with whatever its parsers raise, after logging the whole file.
-    orbax_log = logging.getLogger("absl")
-    level = orbax_log.level
-    orbax_log.setLevel(logging.CRITICAL)
     try:
-        yield
+        with _orbax_silenced():
+            yield
     except MemoryError:
         raise
     except Exception as error:
+        # orbax answers damaged files with whatever its parsers raise.
         raise _Damaged(f"{type(error).__name__}: {str(error)[:80]}") from error
+
+
+@contextlib.contextmanager
+def _orbax_silenced() -> Iterator[None]:
+    # Before it raises, orbax logs tracebacks and whole files; the error says enough.
+    log = logging.getLogger("absl")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
     finally:
-        orbax_log.setLevel(level)
+        log.setLevel(level)
 
 
 def _refuse_other_structure(path: Path, found: dict[str, Any], expected: dict[str, Any]) -> None:
@@ -206,7 +225,8 @@ def _remove_leftovers(folder: Path) -> None:
 
 def _storage_message(folder: Path, step: int, needed: int, error: Exception) -> str:
     free = shutil.disk_usage(folder).free
+    reason = "no space left" if "No space left" in str(error) else str(error)[:120]
     return (
-        f"{folder}: checkpoint {step} cannot be written, it needs {needed / 1e6:.0f} MB of "
-        f"{free / 1e6:.0f} MB free ({str(error)[:120]}); make room and run the same command again"
+        f"{folder}: checkpoint {step} cannot be written ({reason}), it needs {needed / 1e6:.0f} MB "
+        f"of {free / 1e6:.0f} MB free; make room and run the same command again"
     )

@@ -107,14 +107,15 @@ def make(
 
     def reset(key: jax.Array, count: int) -> EnvState:
         physics, around = randomize.draw(distribution, key, count)
-        tip, obs = _sense(links, rest, physics, None)
+        tip, obs = observe(links, rest, physics, jnp.zeros((count, 3)))
         age = jnp.zeros(count, jnp.int32)
         return EnvState(physics=physics, around=around, tip=tip, obs=obs, age=age)
 
     def step(state: EnvState, action: jax.Array, key: jax.Array) -> tuple[EnvState, Outcome]:
         target = setpoint(mdp, state.tip, action)
         physics = engine.step(state.physics, state.around, target)
-        tip, next_obs = _sense(links, rest, physics, target)
+        error = target[..., :3] - tip_pose(links, physics.qpos)[0]
+        tip, next_obs = observe(links, rest, physics, error)
         finite = jnp.isfinite(next_obs).all(axis=-1) & jnp.isfinite(physics.warmstart).all(axis=-1)
         terminated = finite & inserted(tip, state.around)
         age = state.age + 1
@@ -158,12 +159,18 @@ def inserted(tip: jax.Array, around: Surroundings) -> jax.Array:
     return aligned & (tip[..., 2] < -SUCCESS_DEPTH)
 
 
-def _sense(links, rest, physics, target):
-    """Measured tip pose [N, 6] and observation [N, O]; target is None before the first step."""
+def observe(
+    links: Chain, rest: np.ndarray, physics: PhysicsState, error: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Measured tip pose [N, 6] and observation [N, O].
+
+    Args:
+      rest: [7] rad, the joint angles that are observed as zero.
+      error: [N, 3] m, setpoint minus tip position.
+    """
     position, rotation, jacobian = tip_pose(links, physics.qpos)
     tip = jnp.concatenate([position, rotation_vector(rotation)], axis=-1)
     twist = jnp.einsum("...ij,...j->...i", jacobian, physics.qvel)
-    error = jnp.zeros_like(position) if target is None else target[..., :3] - position
     raw = jnp.concatenate([physics.qpos - rest, physics.qvel, tip, twist, error], axis=-1)
     return tip, jnp.clip(raw / _SCALE, -_CLIP, _CLIP)
 

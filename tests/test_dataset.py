@@ -248,6 +248,16 @@ def test_a_header_that_declares_more_than_there_is_allocates_nothing(path):
     assert f"obs declares shape {shape}, but holds 80 bytes" in refusal(path)
 
 
+@pytest.mark.parametrize(
+    "header", ["(", "    1\n  2\n", "{'descr': [", "{}", "(" * 5000, "\0", "1" * 9000]
+)
+def test_a_header_that_cannot_be_parsed_is_refused(path, header):
+    dataset.save(path, make_demos())
+    size = len(header).to_bytes(2, "little")
+    replace_member(path, "obs.npy", b"\x93NUMPY\x01\x00" + size + header.encode())
+    assert "not a readable .npz file" in refusal(path)
+
+
 def test_an_archive_that_unpacks_to_too_much_is_refused_before_unpacking(path):
     dataset.save(path, make_demos())
     replace_member(path, "obs.npy", bytes(dataset.MAX_BYTES))

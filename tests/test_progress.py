@@ -1,6 +1,7 @@
 """The progress display: right numbers, and never the reason a run ends."""
 
 import io
+import os
 import subprocess
 import sys
 
@@ -57,11 +58,13 @@ def test_a_terminal_shows_the_same_line_beside_a_bar():
     assert "success 1.00" in stream.getvalue()
 
 
-@pytest.mark.parametrize("stderr", [subprocess.PIPE])
-def test_a_reader_that_goes_away_does_not_stop_the_run(tmp_path, stderr):
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_reader_that_goes_away_does_not_stop_the_run(tmp_path, unbuffered):
     done = tmp_path / "done"
     command = [sys.executable, "-c", NOISY.format(path=str(done))]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr) as run:
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, env=environment) as run:
         assert run.stdout is not None and run.stderr is not None
         run.stdout.readline()
         run.stdout.close()

@@ -111,7 +111,9 @@ def test_a_file_that_cannot_be_written_is_named_in_one_line(tmp_path, place):
 
 def test_a_machine_without_opengl_is_told_what_to_install(monkeypatch):
     monkeypatch.setattr(opengl, "_PLATFORMS", ("absent",))
-    with pytest.raises(UserError, match="apt-get install libegl1 libgl1-mesa-dri") as caught:
+    with pytest.raises(
+        UserError, match="apt-get install libegl1 libgl1-mesa-dri libopengl0"
+    ) as caught:
         opengl.platform.__wrapped__()
     assert caught.value.exit_code == 2 and "\n" not in str(caught.value)
 

@@ -78,6 +78,11 @@ def make_networks(sac: config.Sac, action_size: int) -> Networks:
     return Networks(Actor(tuple(sac.hidden), action_size), Critic(tuple(sac.hidden)))
 
 
+def apply(module: nn.Module, params: Params, *inputs: jax.Array) -> Any:
+    """Output of the module; flax's own return type is a union that no caller can use."""
+    return module.apply(params, *inputs)
+
+
 def log_prob(mean: jax.Array, log_std: jax.Array, pre_tanh: jax.Array) -> jax.Array:
     """Log density [...] of the action tanh(pre_tanh), summed over the last axis.
 
@@ -93,12 +98,12 @@ def sample_action(
     actor: Actor, params: Params, obs: jax.Array, key: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Draws an action [..., A] in (-1, 1) and its log density [...] for obs [..., O]."""
-    mean, log_std = actor.apply(params, obs)
+    mean, log_std = apply(actor, params, obs)
     pre_tanh = mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape)
     return jnp.tanh(pre_tanh), log_prob(mean, log_std, pre_tanh)
 
 
 def mode_action(actor: Actor, params: Params, obs: jax.Array) -> jax.Array:
     """The deterministic action tanh(mean) [..., A], used in evaluation."""
-    mean, _ = actor.apply(params, obs)
+    mean, _ = apply(actor, params, obs)
     return jnp.tanh(mean)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import Any, cast
 
 import flax.struct
 import jax
@@ -20,7 +21,7 @@ import optax
 from flax import linen as nn
 
 from crsfd_jax import config
-from crsfd_jax.learn.networks import Params
+from crsfd_jax.learn.networks import Params, apply
 from crsfd_jax.learn.returns import monte_carlo_returns
 from crsfd_jax.types import Transition
 
@@ -54,16 +55,15 @@ def demonstration_targets(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Observations [D', O] of the demonstrations and the values [D'] to regress them to.
 
-    With `potential.terminal` at "keep", the success states are appended: one step on from a
-    return of 1, so at min(1 / gamma_0, 1).
+    With `potential.terminal` at "keep", the success states are appended with the largest
+    value, 1: one step on from a return of 1 it would be 1 / gamma_0.
     """
     obs = np.asarray(demos.obs)
     targets = monte_carlo_returns(demos, potential.gamma)
     if potential.terminal == "keep":
         success_obs = np.asarray(demos.next_obs)[np.asarray(demos.terminated)]
-        success_value = min(1.0 / potential.gamma, 1.0)
         obs = np.concatenate([obs, success_obs])
-        targets = np.concatenate([targets, np.full(len(success_obs), success_value, np.float32)])
+        targets = np.concatenate([targets, np.ones(len(success_obs), np.float32)])
     return obs, targets
 
 
@@ -82,8 +82,10 @@ def fit(
       and maximum over fresh free-space states, and the last regression loss.
     """
     init_key, loop_key, probe_key = jax.random.split(key, 3)
-    params = _Value(tuple(potential.hidden)).init(init_key, features[0])
+    hidden = tuple(potential.hidden)
+    fitted = Potential(params=_Value(hidden).init(init_key, features[0]), hidden=hidden)
     optimiser = optax.adam(potential.learning_rate)
+    opt_state = optimiser.init(cast(Any, fitted))
 
     def regress(carry, step_key):
         fitted, opt_state = carry
@@ -94,26 +96,18 @@ def fit(
             fitted, features[rows], targets[rows], free, potential.free_space_weight
         )
         updates, opt_state = optimiser.update(gradient, opt_state)
-        return (optax.apply_updates(fitted, updates), opt_state), loss
+        fitted = cast(Any, optax.apply_updates(cast(Any, fitted), updates))
+        return (fitted, opt_state), loss
 
-    start = (Potential(params=params, hidden=tuple(potential.hidden)), None)
-    start = (start[0], optimiser.init(start[0]))
-    (fitted, _), losses = jax.lax.scan(
-        regress, start, jax.random.split(loop_key, potential.steps)
-    )
-    on_free_space = evaluate(fitted, sample_free_space(probe_key, NUM_PROBES))
-    diagnostics = {
-        "demo_rmse": jnp.sqrt(jnp.mean((evaluate(fitted, features) - targets) ** 2)),
-        "free_space_mean": jnp.mean(on_free_space),
-        "free_space_max": jnp.max(on_free_space),
-        "loss": losses[-1],
-    }
-    return fitted, diagnostics
+    step_keys = jax.random.split(loop_key, potential.steps)
+    (fitted, _), losses = jax.lax.scan(regress, (fitted, opt_state), step_keys)
+    probes = sample_free_space(probe_key, NUM_PROBES)
+    return fitted, _diagnose(fitted, features, targets, probes, losses[-1])
 
 
 def evaluate(potential: Potential, features: jax.Array) -> jax.Array:
     """Potential [...] in [0, 1] of features [..., F]."""
-    return _Value(potential.hidden).apply(potential.params, features)
+    return apply(_Value(potential.hidden), potential.params, features)
 
 
 def regression_loss(
@@ -126,3 +120,19 @@ def regression_loss(
     """Mean squared error on demonstrations plus lambda times the mean square in free space."""
     demo_term = jnp.mean((evaluate(potential, features) - targets) ** 2)
     return demo_term + free_space_weight * jnp.mean(evaluate(potential, free_space) ** 2)
+
+
+def _diagnose(
+    potential: Potential,
+    features: jax.Array,
+    targets: jax.Array,
+    free_space: jax.Array,
+    loss: jax.Array,
+) -> dict[str, jax.Array]:
+    on_free_space = evaluate(potential, free_space)
+    return {
+        "demo_rmse": jnp.sqrt(jnp.mean((evaluate(potential, features) - targets) ** 2)),
+        "free_space_mean": jnp.mean(on_free_space),
+        "free_space_max": jnp.max(on_free_space),
+        "loss": loss,
+    }

@@ -2,13 +2,15 @@
 
 Rows 0..D-1 are demonstrations, rows D..D+C-1 a ring that E environments fill in lockstep,
 E rows a vector step. Rewards are stored raw; n-step returns are formed when a batch is drawn.
-All functions are for one seed. The number of vector steps is the same for all seeds, so it is
-an argument (`step`, `in_axes=None` under vmap) and writing stays a slice update in place.
+All functions are for one seed. The count of vector steps is the same for all seeds, so it is an
+argument (`step`, `in_axes=None` under vmap) and writing stays a slice update in place.
 
 Source: Schaul et al. 2016 (arXiv 1511.05952); Vecerik et al. 2017 (arXiv 1707.08817).
 """
 
 from __future__ import annotations
+
+import dataclasses
 
 import flax.struct
 import jax
@@ -18,7 +20,6 @@ from crsfd_jax import config
 from crsfd_jax.types import Transition
 
 BLOCK = 128
-"""Rows whose priorities are summed before drawing; tuned by bench/update.py."""
 
 
 @flax.struct.dataclass(kw_only=True)
@@ -27,10 +28,10 @@ class ReplayState:
 
     storage: Transition
     """[D+C] rows."""
-    weight: jax.Array
-    """[D+C, rounded up to blocks] priority raised to the exponent; 0 is never drawn."""
-    max_weight: jax.Array
-    """[] largest weight so far, given to new rows."""
+    priority: jax.Array
+    """[D+C, rounded up to blocks] already raised to the exponent; 0 is never drawn."""
+    max_priority: jax.Array
+    """[] largest so far, given to new rows."""
     num_demos: int = flax.struct.field(pytree_node=False)
     num_envs: int = flax.struct.field(pytree_node=False)
 
@@ -43,7 +44,7 @@ class Draw:
     """[..., n] int32, the drawn row followed by its successors in time."""
     alive: jax.Array
     """[..., n] bool, the successor belongs to the same stretch of the same episode."""
-    importance: jax.Array
+    weight: jax.Array
     """[...] importance weight, at most 1 in each batch."""
 
 
@@ -68,7 +69,7 @@ class Batch:
     obs: jax.Array
     action: jax.Array
     is_demo: jax.Array
-    importance: jax.Array
+    weight: jax.Array
     one_step: Backup
     n_step: Backup
 
@@ -80,21 +81,22 @@ def init(demos: Transition, num_envs: int, replay: config.Replay) -> ReplayState
       ValueError: the capacity is less than one vector step.
     """
     num_demos = demos.reward.shape[0]
-    capacity = replay.capacity // num_envs * num_envs
-    if capacity == 0:
+    num_rows = num_demos + replay.capacity // num_envs * num_envs
+    if num_rows == num_demos:
         raise ValueError(
             f"replay.capacity is {replay.capacity} but a vector step writes {num_envs} rows; "
             f"raise it to {num_envs} or more"
         )
-    num_rows = num_demos + capacity
-    demo_weight = (1.0 + replay.demo_bonus) ** replay.priority_exponent
-    weight = jnp.zeros(-(-num_rows // BLOCK) * BLOCK).at[:num_demos].set(demo_weight)
+    demo_priority = (1.0 + replay.demo_bonus) ** replay.priority_exponent
+    priority = jnp.zeros(-(-num_rows // BLOCK) * BLOCK).at[:num_demos].set(demo_priority)
+
+    def pin(rows: jax.Array) -> jax.Array:
+        return jnp.zeros((num_rows, *rows.shape[1:]), rows.dtype).at[:num_demos].set(rows)
+
     return ReplayState(
-        storage=jax.tree.map(
-            lambda x: jnp.zeros((num_rows, *x.shape[1:]), x.dtype).at[:num_demos].set(x), demos
-        ),
-        weight=weight,
-        max_weight=jnp.asarray(demo_weight if num_demos else 1.0, jnp.float32),
+        storage=jax.tree.map(pin, demos),
+        priority=priority,
+        max_priority=jnp.asarray(demo_priority if num_demos else 1.0, jnp.float32),
         num_demos=num_demos,
         num_envs=num_envs,
     )
@@ -108,18 +110,14 @@ def add(
     Rows that are not valid (the simulation failed) are blanked and can never be drawn.
     """
     start = _ring_start(state, step)
-    clean = jax.tree.map(lambda x: jnp.where(_expand(valid, x), x, jnp.zeros_like(x)), transition)
-    storage = jax.tree.map(
-        lambda rows, new: jax.lax.dynamic_update_slice_in_dim(
-            rows, new.astype(rows.dtype), start, axis=0
-        ),
-        state.storage,
-        clean,
-    )
-    weight = jax.lax.dynamic_update_slice_in_dim(
-        state.weight, jnp.where(valid, state.max_weight, 0.0), start, axis=0
-    )
-    return state.replace(storage=storage, weight=weight)
+
+    def write(rows: jax.Array, new: jax.Array) -> jax.Array:
+        new = jax.vmap(jnp.where, in_axes=(0, 0, None))(valid, new, jnp.zeros((), new.dtype))
+        return jax.lax.dynamic_update_slice_in_dim(rows, new.astype(rows.dtype), start, 0)
+
+    storage = jax.tree.map(write, state.storage, transition)
+    priority = write(state.priority, jnp.full(valid.shape, state.max_priority))
+    return dataclasses.replace(state, storage=storage, priority=priority)
 
 
 def draw(
@@ -131,15 +129,14 @@ def draw(
 ) -> Draw:
     """Draws all batches [U, B] of vector step `step`, whose rows were added before.
 
-    The importance weight (N P)^-b over its maximum in the batch is (w / min w)^-b for
-    P = w / sum w: the number of rows N and the sum cancel.
+    The importance weight (N P)^-b over its maximum in the batch is (p / min p)^-b for
+    P = p / sum p: the number of rows N and the sum cancel. Some row must have a priority.
     """
-    rows = _draw_rows(state.weight, key, shape)
+    rows = _draw_rows(state.priority, key, shape)
     window, alive = _follow(state, step, rows, replay.n_step)
-    weight = state.weight[rows]
-    smallest = jnp.min(weight, axis=-1, keepdims=True)
-    importance = (weight / smallest) ** -replay.importance_exponent
-    return Draw(rows=window, alive=alive, importance=importance)
+    priority = state.priority[rows]
+    weight = (priority / priority.min(axis=-1, keepdims=True)) ** -replay.importance_exponent
+    return Draw(rows=window, alive=alive, weight=weight)
 
 
 def gather(state: ReplayState, draw: Draw, rewards: jax.Array, gamma: float) -> Batch:
@@ -154,7 +151,7 @@ def gather(state: ReplayState, draw: Draw, rewards: jax.Array, gamma: float) -> 
         obs=state.storage.obs[rows],
         action=state.storage.action[rows],
         is_demo=rows < state.num_demos,
-        importance=draw.importance,
+        weight=draw.weight,
         one_step=_backup(state, draw.rows[..., :1], draw.alive[..., :1], rewards, gamma),
         n_step=_backup(state, draw.rows, draw.alive, rewards, gamma),
     )
@@ -163,44 +160,43 @@ def gather(state: ReplayState, draw: Draw, rewards: jax.Array, gamma: float) -> 
 def reprioritise(
     state: ReplayState, draw: Draw, td_error: jax.Array, replay: config.Replay
 ) -> ReplayState:
-    """Weights the drawn rows anew by their td_error [U, B].
+    """Sets the priority of the drawn rows from their td_error [U, B].
 
-    priority = |td_error| + floor + bonus * is_demo, so exponent 0.6 corresponds to the 0.3 of
-    Vecerik et al., who square the error; their term for the action gradient is left out. Of
-    a row drawn more than once the largest error counts, which does not depend on the order.
-    A td_error that is not finite leaves its row as it was.
+    (|td_error| + floor + bonus * is_demo)^a. The exponent 0.6 matches the 0.3 of Vecerik et
+    al., who square the error; their term for the action gradient is left out. Of a row drawn
+    more than once the largest error counts; one that is not finite leaves the row as it was.
     """
-    rows = draw.rows[..., 0].reshape(-1)
-    is_demo = rows < state.num_demos
-    priority = jnp.abs(td_error).reshape(-1) + replay.priority_floor + replay.demo_bonus * is_demo
-    weight = priority**replay.priority_exponent
-    weight = jnp.where(jnp.isfinite(weight), weight, state.weight[rows])
-    return state.replace(
-        weight=state.weight.at[rows].set(0.0).at[rows].max(weight),
-        max_weight=jnp.maximum(state.max_weight, jnp.max(weight)),
+    rows, error = draw.rows[..., 0].reshape(-1), jnp.abs(td_error).reshape(-1)
+    bonus = replay.priority_floor + replay.demo_bonus * (rows < state.num_demos)
+    priority = (error + bonus) ** replay.priority_exponent
+    priority = jnp.where(jnp.isfinite(error), priority, state.priority[rows])
+    return dataclasses.replace(
+        state,
+        priority=state.priority.at[rows].set(0.0).at[rows].max(priority),
+        max_priority=jnp.maximum(state.max_priority, jnp.max(priority)),
     )
 
 
-def _draw_rows(weight: jax.Array, key: jax.Array, shape: tuple[int, int]) -> jax.Array:
-    """Draws rows in proportion to their weight: a block first, then a row inside it.
+def _draw_rows(priority: jax.Array, key: jax.Array, shape: tuple[int, int]) -> jax.Array:
+    """Draws rows in proportion to their priority: a block first, then a row inside it.
 
     Two levels, each with its own random number: one float32 cumulative sum over 3e5 rows is
     not monotone, and one float32 random number has only 28 values a row.
     """
     block_key, row_key = jax.random.split(key)
-    blocks = weight.reshape(-1, BLOCK)
+    blocks = priority.reshape(-1, BLOCK)
     block = _pick(blocks.sum(axis=-1), jax.random.uniform(block_key, shape).reshape(-1))
-    row = jax.vmap(_pick)(blocks[block], jax.random.uniform(row_key, shape).reshape(-1))
+    row = jax.vmap(_pick)(blocks[block], jax.random.uniform(row_key, block.shape))
     return (block * BLOCK + row).reshape(shape)
 
 
-def _pick(weight: jax.Array, uniform: jax.Array) -> jax.Array:
-    """Index [...] drawn in proportion to weight [W] by inverting its cumulative sum.
+def _pick(mass: jax.Array, uniform: jax.Array) -> jax.Array:
+    """Index [...] drawn in proportion to mass [W] by inverting its cumulative sum.
 
     The sum of an empty entry is held at the one before it, and the argument below the total,
     so that rounding never draws an empty entry.
     """
-    cumulative = jax.lax.cummax(jnp.where(weight > 0, jnp.cumsum(weight), 0.0))
+    cumulative = jax.lax.cummax(jnp.where(mass > 0, jnp.cumsum(mass), 0.0))
     total = cumulative[-1]
     argument = jnp.minimum(uniform * total, jnp.nextafter(total, 0.0))
     return jnp.searchsorted(cumulative, argument, side="right")
@@ -209,28 +205,26 @@ def _pick(weight: jax.Array, uniform: jax.Array) -> jax.Array:
 def _follow(
     state: ReplayState, step: jax.Array, rows: jax.Array, length: int
 ) -> tuple[jax.Array, jax.Array]:
-    """Rows [..., length] from `rows` on in time, and which of them are still the episode."""
+    """Rows [..., length] from `rows` on in time, and which belong to the same episode."""
     window, alive = [rows], [jnp.ones(rows.shape, bool)]
     for _ in range(length - 1):
         last = window[-1]
         ended = state.storage.terminated[last] | state.storage.truncated[last]
-        following = _successor(state, last)
-        window.append(following)
-        goes_on = ~ended & ~_is_newest(state, step, last) & (state.weight[following] > 0)
+        window.append(_successor(state, last))
+        goes_on = ~ended & ~_is_newest(state, step, last) & (state.priority[window[-1]] > 0)
         alive.append(alive[-1] & goes_on)
     return jnp.stack(window, axis=-1), jnp.stack(alive, axis=-1)
 
 
 def _successor(state: ReplayState, rows: jax.Array) -> jax.Array:
     ring = (rows - state.num_demos + state.num_envs) % _capacity(state)
-    # The row after the last demonstration is clipped: it counts as the newest, so none follows.
-    demo = jnp.minimum(rows + 1, state.num_demos - 1)
-    return jnp.where(rows < state.num_demos, demo, state.num_demos + ring)
+    return jnp.where(rows < state.num_demos, rows + 1, state.num_demos + ring)
 
 
 def _is_newest(state: ReplayState, step: jax.Array, rows: jax.Array) -> jax.Array:
-    start = _ring_start(state, step)
-    return (rows == state.num_demos - 1) | ((rows >= start) & (rows < start + state.num_envs))
+    """Whether no row follows yet: the rows of `step`, and the last demonstration."""
+    offset = rows - _ring_start(state, step)
+    return (rows == state.num_demos - 1) | ((offset >= 0) & (offset < state.num_envs))
 
 
 def _ring_start(state: ReplayState, step: jax.Array) -> jax.Array:
@@ -245,17 +239,12 @@ def _capacity(state: ReplayState) -> int:
 def _backup(
     state: ReplayState, rows: jax.Array, alive: jax.Array, rewards: jax.Array, gamma: float
 ) -> Backup:
-    length = rows.shape[-1]
-    discounts = gamma ** jnp.arange(length)
+    rewards = jnp.where(alive, rewards[..., : rows.shape[-1]], 0.0)
     steps = jnp.sum(alive, axis=-1)
     last = jnp.take_along_axis(rows, steps[..., None] - 1, axis=-1).squeeze(-1)
     return Backup(
-        reward=jnp.sum(jnp.where(alive, rewards[..., :length], 0.0) * discounts, axis=-1),
+        reward=jnp.sum(rewards * gamma ** jnp.arange(rows.shape[-1]), axis=-1),
         next_obs=state.storage.next_obs[last],
         terminated=state.storage.terminated[last],
         length=steps,
     )
-
-
-def _expand(mask: jax.Array, like: jax.Array) -> jax.Array:
-    return mask.reshape(mask.shape + (1,) * (like.ndim - mask.ndim))

@@ -9,6 +9,8 @@ the mix of 1-step and n-step losses.
 
 from __future__ import annotations
 
+from typing import cast
+
 import chex
 import flax.struct
 import jax
@@ -16,7 +18,7 @@ import jax.numpy as jnp
 import optax
 
 from crsfd_jax.config import Config
-from crsfd_jax.learn.networks import Networks, Params, sample_action
+from crsfd_jax.learn.networks import Networks, Params, apply, sample_action
 from crsfd_jax.learn.replay import Backup, Batch
 
 
@@ -56,9 +58,9 @@ def update(
       The new agent, the td_error [B] for the priorities, and scalar metrics.
     """
     target_key, actor_key = jax.random.split(key)
-    targets, weights = _targets(networks, agent, batch, target_key, config)
+    targets, target_weights = _targets(networks, agent, batch, target_key, config)
     (critic_value, (td_error, q)), critic_grad = jax.value_and_grad(critic_loss, has_aux=True)(
-        agent.critic, networks, batch, targets, weights
+        agent.critic, networks, batch, targets, target_weights
     )
     alpha = jnp.exp(agent.log_alpha)
     (actor_value, log_prob), actor_grad = jax.value_and_grad(actor_loss, has_aux=True)(
@@ -78,21 +80,21 @@ def update(
 
 
 def critic_loss(
-    critic: Params, networks: Networks, batch: Batch, targets: jax.Array, weights: jax.Array
+    critic: Params, networks: Networks, batch: Batch, targets: jax.Array, target_weights: jax.Array
 ) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
     """sum_j mean_i w_i sum_k lambda_k (Q_j - y_k)^2.
 
     Args:
       targets: [K, B] the 1-step target, then the n-step target if it is used.
-      weights: [K] lambda, 1 for the 1-step target.
+      target_weights: [K] lambda, 1 for the 1-step target.
 
     Returns:
       The loss, and (mean_j |Q_j - y_1| [B], Q [N, B]).
     """
-    q = networks.critic.apply(critic, batch.obs, batch.action)
-    chex.assert_shape(targets, (weights.shape[0], q.shape[-1]))
+    q = apply(networks.critic, critic, batch.obs, batch.action)
+    chex.assert_shape(targets, (target_weights.shape[0], q.shape[-1]))
     error = q[:, None, :] - targets
-    loss = jnp.sum(jnp.mean(batch.importance * error**2, axis=-1) * weights)
+    loss = jnp.sum(jnp.mean(batch.weight * error**2, axis=-1) * target_weights)
     return loss, (jnp.mean(jnp.abs(error[:, 0]), axis=0), q)
 
 
@@ -101,14 +103,12 @@ def actor_loss(
 ) -> tuple[jax.Array, jax.Array]:
     """mean_i w_i [alpha log pi(a|s_i) - min_j Q_j(s_i, a)], and log pi [B]."""
     action, log_prob = sample_action(networks.actor, actor, batch.obs, key)
-    q = jnp.min(networks.critic.apply(agent.critic, batch.obs, action), axis=0)
-    loss = jnp.mean(batch.importance * (jnp.exp(agent.log_alpha) * log_prob - q))
+    q = jnp.min(apply(networks.critic, agent.critic, batch.obs, action), axis=0)
+    loss = jnp.mean(batch.weight * (jnp.exp(agent.log_alpha) * log_prob - q))
     return loss, log_prob
 
 
-def temperature_loss(
-    log_alpha: jax.Array, log_prob: jax.Array, target_entropy: float
-) -> jax.Array:
+def temperature_loss(log_alpha: jax.Array, log_prob: jax.Array, target_entropy: float) -> jax.Array:
     """mean[-alpha (log pi + target entropy)]: alpha falls while the entropy is above it."""
     return -jnp.exp(log_alpha) * jnp.mean(jax.lax.stop_gradient(log_prob) + target_entropy)
 
@@ -118,7 +118,7 @@ def bootstrap_targets(
 ) -> jax.Array:
     """r + gamma^m (1 - terminated) [min_j Q'_j(s', a') - alpha log pi(a'|s')], a' fresh."""
     action, log_prob = sample_action(networks.actor, agent.actor, backup.next_obs, key)
-    q = networks.critic.apply(agent.target_critic, backup.next_obs, action)
+    q = apply(networks.critic, agent.target_critic, backup.next_obs, action)
     value = jnp.min(q, axis=0) - jnp.exp(agent.log_alpha) * log_prob
     return backup.reward + gamma**backup.length * jnp.where(backup.terminated, 0.0, value)
 
@@ -139,7 +139,7 @@ def _targets(
 def _apply(agent: AgentState, gradients: tuple, config: Config) -> AgentState:
     params = (agent.actor, agent.critic, agent.log_alpha)
     updates, optimiser = _optimiser(config).update(gradients, agent.optimiser)
-    actor, critic, log_alpha = optax.apply_updates(params, updates)
+    actor, critic, log_alpha = cast(tuple, optax.apply_updates(params, updates))
     target_critic = optax.incremental_update(critic, agent.target_critic, config.sac.tau)
     return AgentState(
         actor=actor,

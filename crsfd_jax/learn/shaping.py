@@ -5,6 +5,7 @@ Source: Ng, Harada, Russell 1999; Guo et al. 2022, equation 3.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Literal
 
 import jax
@@ -33,4 +34,4 @@ def shape_reward(
     if terminal == "zero":
         next_potential = jnp.where(backup.terminated, 0.0, next_potential)
     shaping = gamma**backup.length * next_potential - potential
-    return backup.replace(reward=backup.reward + shaping)
+    return dataclasses.replace(backup, reward=backup.reward + shaping)

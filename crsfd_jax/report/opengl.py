@@ -40,5 +40,5 @@ def platform() -> str:
     advice = "unset MUJOCO_GL or install" if wanted in _PLATFORMS else "install"
     raise UserError(
         f"OpenGL: got {found}, allowed: a working {', '.join(_PLATFORMS)}; {advice} a software "
-        "renderer: apt-get install libegl1 libgl1-mesa-dri"
+        "renderer: apt-get install libegl1 libgl1-mesa-dri libopengl0"
     )

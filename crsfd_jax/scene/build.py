@@ -26,7 +26,9 @@ class Scene(NamedTuple):
     """A compiled model with what its users look up by name."""
 
     model: mujoco.MjModel
-    """Compiled for the first shape."""
+    """Compiled for the first shape, without what is there for show: that costs half as much again."""
+    look: mujoco.MjModel
+    """The same with the arm's shells, the table and the light in the hole, for pictures."""
     shapes: tuple[str, ...]
     """Names of the rows of the geometry tables."""
     geometry: dict[str, np.ndarray]
@@ -60,6 +62,7 @@ def build(parts: config.Scene, shapes: tuple[str, ...] = config.SHAPES) -> Scene
     bodies = [model.body(name).id for name in ("peg", "socket")]
     return Scene(
         model=model,
+        look=_compile(solids[0], counts, discardvisual=False),
         shapes=shapes,
         geometry={f: np.stack([getattr(m, f) for m in models]) for f in GEOMETRY_FIELDS},
         part_geoms=np.flatnonzero(np.isin(model.geom_bodyid, bodies)),
@@ -70,10 +73,11 @@ def build(parts: config.Scene, shapes: tuple[str, ...] = config.SHAPES) -> Scene
 
 def model_of(scene: Scene, shape: int, friction: float = 1.0) -> mujoco.MjModel:
     """A copy of the model with the geometry of one shape, for rendering and inspection."""
-    model = scene.model.__copy__()
+    model = scene.look.__copy__()
+    parts = [model.geom(scene.model.geom(geom).name).id for geom in scene.part_geoms]
     for name, table in scene.geometry.items():
-        getattr(model, name)[:] = table[shape]
-    model.geom_friction[scene.part_geoms, 0] = friction
+        getattr(model, name)[parts] = table[shape, scene.part_geoms]
+    model.geom_friction[parts, 0] = friction
     return model
 
 
@@ -81,8 +85,9 @@ def _groups(solids):
     return solids.peg_boxes, solids.peg_corners, solids.socket_boxes, solids.socket_rims
 
 
-def _compile(solids, counts):
+def _compile(solids, counts, discardvisual=True):
     spec = mujoco.MjSpec.from_file(str(mjcf_folder() / "insertion.xml"))
+    spec.compiler.discardvisual = discardvisual
     hand = spec.body("hand")
     # Turned half around x, the peg's frame is the socket's when the hand points straight down.
     grasp = spec.site("grasp").pos

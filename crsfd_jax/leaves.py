@@ -1,0 +1,65 @@
+"""The leaves of a state as plain numpy arrays and back, with names, types and digests."""
+
+import hashlib
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def named_leaves(state: Any) -> dict[str, Any]:
+    """Path in the state -> leaf, in the order of jax.tree.leaves."""
+    return {
+        jax.tree_util.keystr(path): leaf
+        for path, leaf in jax.tree_util.tree_flatten_with_path(state)[0]
+    }
+
+
+def type_name(leaf: Any) -> str:
+    """Type and shape of a leaf or of its jax.ShapeDtypeStruct, such as float32[5, 3]."""
+    return f"{leaf.dtype}{list(leaf.shape)}"
+
+
+def stored_type(leaf: Any) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of a leaf as a plain array; a PRNG key is stored as its words."""
+    if _is_key(leaf):
+        leaf = jax.eval_shape(jax.random.key_data, leaf)
+    return leaf.shape, np.dtype(leaf.dtype)
+
+
+def stored_bytes(state: Any) -> int:
+    """Size of all leaves as plain arrays, for a state or for its structure."""
+    types = map(stored_type, jax.tree.leaves(state))
+    return sum(math.prod(shape) * dtype.itemsize for shape, dtype in types)
+
+
+def key_implementation(leaf: Any) -> str | None:
+    """Name of the generator of a PRNG key; None for other arrays."""
+    return str(jax.random.key_impl(leaf)) if _is_key(leaf) else None
+
+
+def to_numpy(leaf: Any) -> np.ndarray:
+    """The plain array of a leaf."""
+    return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf, order="C")
+
+
+def from_numpy(array: np.ndarray, like: Any, implementation: str | None) -> Any:
+    """The leaf of a plain array, of the same kind and in the same place as `like`."""
+    if isinstance(like, np.ndarray):
+        return array
+    leaf = jnp.array(array)
+    if implementation:
+        leaf = jax.random.wrap_key_data(leaf, impl=implementation)
+    # An array that was free to move must stay so, or every function is compiled again.
+    return jax.device_put(leaf, like.sharding if getattr(like, "committed", True) else None)
+
+
+def digest(array: np.ndarray) -> str:
+    """SHA-256 of an array's bytes."""
+    return hashlib.sha256(array.tobytes()).hexdigest()
+
+
+def _is_key(leaf: Any) -> bool:
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
