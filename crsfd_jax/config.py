@@ -7,7 +7,7 @@ bad command line is answered at once.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import tyro
@@ -130,7 +130,7 @@ class Potential:
 class Evaluation:
     """Evaluation with the deterministic policy on fresh episodes."""
 
-    every: Count = 10_000
+    every: Count = 5_120
     """Environment steps of each seed between two evaluations."""
     episodes: Annotated[int, Interval(1, 1_000_000)] = 50
     """Episodes of each seed in an evaluation."""
@@ -212,6 +212,20 @@ def run_name(config: Config) -> str:
     return f"{name}-smoke" if config.smoke else name
 
 
+def smoke_sized(config: Config) -> Config:
+    """The same run shrunk to a quick check that the whole path works; it learns nothing."""
+    return replace(
+        config,
+        seeds=min(config.seeds, 2),
+        steps=min(config.steps, 4096),
+        envs=min(config.envs, 16),
+        sac=replace(config.sac, warmup_steps=min(config.sac.warmup_steps, 512), updates_per_step=4),
+        replay=replace(config.replay, capacity=4096),
+        potential=replace(config.potential, steps=min(config.potential.steps, 500)),
+        evaluation=Evaluation(every=2048, episodes=10),
+    )
+
+
 def validate(config: Config) -> None:
     """Checks every value against its range, and the values that belong together.
 
@@ -236,8 +250,18 @@ def validate(config: Config) -> None:
             f"--potential.gamma: got {config.potential.gamma:g}, allowed: at most --sac.gamma "
             f"({config.sac.gamma:g}); lower it or raise --sac.gamma"
         )
-    if config.scene.clearance >= config.scene.footprint:
+    validate_parts(config.scene)
+
+
+def validate_parts(scene: Scene) -> None:
+    """Checks that a digit with these sizes leaves something of the peg.
+
+    Raises:
+      UserError: the clearance is as wide as a stroke of the digit.
+    """
+    stroke = scene.footprint / 5
+    if scene.clearance >= stroke:
         raise UserError(
-            f"--scene.clearance: got {format_length(config.scene.clearance)}, allowed: below "
-            f"--scene.footprint ({format_length(config.scene.footprint)}); lower it"
+            f"--scene.clearance: got {format_length(scene.clearance)}, allowed: below a fifth of "
+            f"--scene.footprint ({format_length(stroke)}); lower it"
         )

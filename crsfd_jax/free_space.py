@@ -22,7 +22,7 @@ _JOINT_SPEED = 0.3
 """rad/s, standard deviation of joint velocities: that of demonstrated motion at full action."""
 _SETPOINT_ERROR = 0.01
 """m, largest distance of setpoint and tip."""
-_POOL = 65_536
+_POOL = 16_384
 
 
 def make(scene: Scene, extent: float, seed: int = 0) -> FreeSpace:

@@ -50,7 +50,7 @@ def status_line(
         seconds = round((total_steps - env_steps) / steps_per_second)
         left = str(datetime.timedelta(seconds=max(0, seconds)))
     line = f"{env_steps:,}/{total_steps:,} steps  {steps_per_second:,.0f} steps/s  left {left}"
-    if not success:
+    if len(success) == 0:
         return line
     seeds = " ".join(f"{rate:.2f}" for rate in success)
     return f"{line}  success {sum(success) / len(success):.2f} [{seeds}]"

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from crsfd_jax.progress import progress, status_line
@@ -25,7 +26,7 @@ class Terminal(io.StringIO):
 
 
 def test_a_line_tells_steps_speed_time_left_and_success():
-    line = status_line(12_800, 60_000, 1180.0, [0.4, 0.6])
+    line = status_line(12_800, 60_000, 1180.0, np.array([0.4, 0.6]))
     assert line == "12,800/60,000 steps  1,180 steps/s  left 0:00:40  success 0.50 [0.40 0.60]"
 
 

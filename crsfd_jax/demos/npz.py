@@ -21,7 +21,6 @@ _DAMAGE = (
     SyntaxError,
     ValueError,
     EOFError,
-    NotImplementedError,
     RuntimeError,
     LookupError,
     OverflowError,

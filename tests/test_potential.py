@@ -1,0 +1,181 @@
+"""Returns, the conservative value function and reward shaping, on cases with known values."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from crsfd_jax import config
+from crsfd_jax.learn import potential
+from crsfd_jax.learn.replay import Backup
+from crsfd_jax.learn.returns import monte_carlo_returns
+from crsfd_jax.learn.shaping import shape_reward
+from crsfd_jax.types import Transition
+
+LENGTH = 10
+QUICK = config.Potential(gamma=0.8, steps=800, batch_size=128, hidden=(32, 32))
+
+
+def chain_demos(episodes=4, successes=4) -> Transition:
+    """Walks along x = 0.0, 0.1, ... at y = 0; the first `successes` reach the goal x = 1."""
+    positions = np.tile(np.arange(LENGTH) / LENGTH, episodes)
+    last = np.tile(np.arange(LENGTH) == LENGTH - 1, episodes)
+    successful = np.repeat(np.arange(episodes) < successes, LENGTH)
+    obs = np.stack([positions, 0 * positions], axis=-1)
+    return Transition(
+        obs=jnp.asarray(obs),
+        action=jnp.zeros((len(obs), 1)),
+        reward=jnp.asarray(last & successful, jnp.float32),
+        next_obs=jnp.asarray(obs + np.asarray([1 / LENGTH, 0.0])),
+        terminated=jnp.asarray(last & successful),
+        truncated=jnp.asarray(last & ~successful),
+    )
+
+
+def free_space(key, n):
+    """Uniform in a square that surrounds the chain; a point lies off it almost surely."""
+    return jax.random.uniform(key, (n, 2), minval=-3.0, maxval=3.0)
+
+
+def test_returns_of_a_chain_are_powers_of_gamma():
+    returns = monte_carlo_returns(chain_demos(), 0.8)
+    expected = 0.8 ** np.arange(LENGTH - 1, -1, -1)
+    np.testing.assert_allclose(returns.reshape(4, LENGTH), np.tile(expected, (4, 1)), rtol=1e-6)
+
+
+def test_returns_of_any_rewards_equal_the_sum_of_their_definition():
+    rng = np.random.default_rng(0)
+    ends = np.array([3, 4, 11, 19])
+    demos = dataclasses.replace(
+        chain_demos(episodes=2),
+        reward=rng.normal(size=20),
+        terminated=np.isin(np.arange(20), ends[::2]),
+        truncated=np.isin(np.arange(20), ends[1::2]),
+    )
+    for row, actual in enumerate(monte_carlo_returns(demos, 0.9)):
+        end = ends[ends >= row][0]
+        expected = sum(0.9 ** (i - row) * demos.reward[i] for i in range(row, end + 1))
+        assert actual == pytest.approx(expected, rel=1e-5)
+
+
+def test_an_episode_that_runs_out_of_time_returns_nothing():
+    returns = monte_carlo_returns(chain_demos(episodes=2, successes=1), 0.8)
+    assert (returns[:LENGTH] > 0).all()
+    np.testing.assert_array_equal(returns[LENGTH:], 0.0)
+
+
+def test_success_states_are_targets_of_one_only_if_the_terminal_potential_is_kept():
+    demos = chain_demos(episodes=3, successes=2)
+    obs, targets = potential.demonstration_targets(demos, QUICK)
+    np.testing.assert_array_equal(obs, demos.obs)
+    keep = dataclasses.replace(QUICK, terminal="keep")
+    kept_obs, kept_targets = potential.demonstration_targets(demos, keep)
+    np.testing.assert_array_equal(kept_obs[:30], obs)
+    np.testing.assert_array_equal(kept_targets[:30], targets)
+    np.testing.assert_allclose(kept_obs[30:], [[1.0, 0.0]] * 2)
+    np.testing.assert_array_equal(kept_targets[30:], 1.0)
+
+
+def test_potential_is_the_return_on_demonstrations_and_zero_in_free_space():
+    features, targets = potential.demonstration_targets(chain_demos(), QUICK)
+    fitted, diagnostics = potential.fit(jax.random.key(0), features, targets, free_space, QUICK)
+    on_demos = potential.evaluate(fitted, features)
+    rmse = np.sqrt(np.mean((np.asarray(on_demos) - targets) ** 2))
+    assert rmse < 0.08
+    assert diagnostics["demo_rmse"] == pytest.approx(rmse, rel=1e-3)
+    probes = potential.evaluate(fitted, free_space(jax.random.key(5), 4000))
+    assert probes.mean() < 0.05
+    assert diagnostics["free_space_mean"] == pytest.approx(float(probes.mean()), abs=0.01)
+    assert diagnostics["free_space_max"] <= 1.0
+    assert (np.diff(on_demos[:LENGTH]) > 0).all()
+    assert probes.min() >= 0.0 and max(probes.max(), on_demos.max()) <= 1.0
+
+
+def test_free_space_weight_is_what_keeps_the_potential_down_off_the_demonstrations():
+    features, targets = potential.demonstration_targets(chain_demos(), QUICK)
+    careless = dataclasses.replace(QUICK, free_space_weight=0.0)
+    _, with_zeros = potential.fit(jax.random.key(0), features, targets, free_space, QUICK)
+    _, without = potential.fit(jax.random.key(0), features, targets, free_space, careless)
+    assert without["free_space_mean"] > 5 * with_zeros["free_space_mean"]
+
+
+def test_regression_loss_equals_the_one_computed_in_numpy():
+    fitted, _ = potential.fit(
+        jax.random.key(0),
+        jnp.zeros((1, 2)),
+        jnp.zeros(1),
+        free_space,
+        dataclasses.replace(QUICK, steps=1),
+    )
+    features, far = np.random.default_rng(0).normal(size=(2, 5, 2))
+    targets = np.linspace(0, 1, 5)
+    on_demos = np.asarray(potential.evaluate(fitted, features))
+    on_free = np.asarray(potential.evaluate(fitted, far))
+    expected = np.mean((on_demos - targets) ** 2) + 0.3 * np.mean(on_free**2)
+    actual = potential.regression_loss(fitted, features, targets, far, 0.3)
+    assert actual == pytest.approx(expected, rel=1e-5)
+
+
+def random_path(seed, length, terminated):
+    rng = np.random.default_rng(seed)
+    rewards, potentials = rng.normal(size=length), rng.random(length + 1)
+    ends = np.zeros(length, bool)
+    ends[-1] = terminated
+    return rewards, potentials, ends
+
+
+def backup(reward, terminated, length):
+    return Backup(
+        reward=jnp.asarray(reward),
+        next_obs=jnp.zeros((*np.shape(reward), 1)),
+        terminated=jnp.asarray(terminated),
+        length=jnp.asarray(length),
+    )
+
+
+@pytest.mark.parametrize("terminal", ["zero", "keep"])
+@pytest.mark.parametrize("terminated", [False, True])
+@pytest.mark.parametrize("length", [1, 3, 8])
+def test_shaped_n_step_reward_is_the_sum_of_the_shaped_rewards(terminal, terminated, length):
+    gamma = 0.97
+    rewards, potentials, ends = random_path(length, length, terminated)
+    one_step = shape_reward(
+        backup(rewards, ends, np.ones(length, int)),
+        potentials[:-1],
+        potentials[1:],
+        gamma,
+        terminal,
+    )
+    discounts = gamma ** np.arange(length)
+    n_step = shape_reward(
+        backup(np.sum(discounts * rewards), terminated, length),
+        potentials[0],
+        potentials[-1],
+        gamma,
+        terminal,
+    )
+    assert n_step.reward == pytest.approx(float(np.sum(discounts * one_step.reward)), abs=1e-5)
+    kept = 0.0 if terminated and terminal == "zero" else potentials[-1]
+    telescoped = np.sum(discounts * rewards) + gamma**length * kept - potentials[0]
+    assert n_step.reward == pytest.approx(telescoped, abs=1e-5)
+
+
+def test_a_truncated_step_keeps_its_potential_and_a_terminal_one_loses_it_only_if_told():
+    plain = backup([0.0, 1.0], [False, True], [1, 1])
+    phi, next_phi = jnp.asarray([0.2, 0.7]), jnp.asarray([0.5, 0.9])
+    zero = shape_reward(plain, phi, next_phi, 0.9, "zero").reward
+    keep = shape_reward(plain, phi, next_phi, 0.9, "keep").reward
+    np.testing.assert_allclose(zero, [0.9 * 0.5 - 0.2, 1.0 - 0.7], rtol=1e-6)
+    np.testing.assert_allclose(keep, [0.9 * 0.5 - 0.2, 1.0 + 0.9 * 0.9 - 0.7], rtol=1e-6)
+
+
+def test_shaping_is_nothing_on_a_demonstration_whose_gamma_is_the_same():
+    returns = monte_carlo_returns(chain_demos(episodes=1), 0.8)
+    steps = LENGTH - 1
+    before_goal = backup(np.zeros(steps), np.zeros(steps, bool), np.ones(steps, int))
+    same = shape_reward(before_goal, returns[:-1], returns[1:], 0.8, "keep").reward
+    larger = shape_reward(before_goal, returns[:-1], returns[1:], 0.9, "keep").reward
+    np.testing.assert_allclose(same, 0.0, atol=1e-6)
+    np.testing.assert_allclose(larger, (0.9 / 0.8 - 1) * returns[:-1], rtol=1e-5)
