@@ -128,7 +128,8 @@ def _program(config: Config, env: Env, learner: Learner, demos: Transition) -> P
 
 def _run(config: Config, program: Program, folder: artefacts.RunFolder) -> int:
     states, at = _start_or_resume(config, program, folder)
-    program = _compiled(program, states)
+    if at.step < total_steps(config):
+        program = _compiled(program, states)
     total, period = total_steps(config), evaluation_period(config)
     began, saved_at, save_s = time.monotonic() - at.wall_s, time.monotonic(), 0.0
     with Interrupt() as interrupt, progress(config.steps, at.step * config.envs) as show:
