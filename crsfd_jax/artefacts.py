@@ -3,6 +3,7 @@
 config.json     every option, the versions, the device and the command line
 metrics.csv     one row for each evaluation of each seed
 checkpoints/    the newest complete states of the run
+policy.npz      parameters of the trained policies
 curves.png      success against environment steps
 """
 
@@ -20,7 +21,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from crsfd_jax.config import Config, to_dict
+from crsfd_jax.config import Config, from_dict, to_dict
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import sync, write_atomically
 
@@ -81,6 +82,18 @@ def open_run(
         raise UserError(
             f"{path}: cannot be written: {error.strerror}; choose another --out"
         ) from error
+
+
+def read_config(path: str | Path) -> Config:
+    """The options of the run in a folder.
+
+    Raises:
+      UserError: the folder holds no run.
+    """
+    file = Path(path) / _CONFIG
+    if not file.is_file():
+        raise UserError(f"{path}: holds no {_CONFIG}, expected the folder of a run; check the name")
+    return from_dict(_read_manifest(file)["config"])
 
 
 def _refuse_foreign(path: Path) -> None:

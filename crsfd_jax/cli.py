@@ -13,9 +13,10 @@ from typing import Any, TypeVar
 
 import tyro
 
-from crsfd_jax.config import Config, validate
+from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import check_limits, choice_message
+from crsfd_jax.validation import validate
 
 ConfigT = TypeVar("ConfigT")
 

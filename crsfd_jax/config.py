@@ -7,13 +7,15 @@ bad command line is answered at once.
 from __future__ import annotations
 
 import dataclasses
+import typing
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
 from crsfd_jax.errors import UserError
-from crsfd_jax.limits import Interval, OneOf, ShownAs, check_limits
+from crsfd_jax.limits import Interval, OneOf, ShownAs
 from crsfd_jax.units import format_length, parse_length
 
 SHAPES = ("0", "1", "2", "3", "4")
@@ -42,7 +44,7 @@ class Scene:
 
     clearance: Annotated[Length, Interval(0, 0.02, open="low")] = 1e-3
     """Width of the hole minus width of the peg (both sides together)."""
-    footprint: Annotated[Length, Interval(0.005, 0.2)] = 0.04
+    footprint: Annotated[Length, Interval(0.01, 0.08)] = 0.04
     """Side of the square that the digit fills."""
     friction: Annotated[float, Interval(0, 10, open="low")] = 1.0
     """Sliding friction coefficient between peg and socket."""
@@ -202,6 +204,28 @@ def to_dict(config: Config) -> dict:
     return dataclasses.asdict(config)
 
 
+def from_dict(values: Mapping[str, Any]) -> Config:
+    """The inverse of `to_dict`; lists from JSON become tuples.
+
+    Raises:
+      UserError: an option is missing or unknown.
+    """
+    return _rebuild(Config, values)
+
+
+def _rebuild(kind: Any, values: Mapping[str, Any]) -> Any:
+    hints = typing.get_type_hints(kind)
+    if hints.keys() != values.keys():
+        odd = ", ".join(sorted(hints.keys() ^ values.keys()))
+        raise UserError(f"config.json: options {odd} are missing or unknown to this version")
+    made = {}
+    for name, value in values.items():
+        if dataclasses.is_dataclass(hints[name]):
+            value = _rebuild(hints[name], value)
+        made[name] = tuple(value) if isinstance(value, list) else value
+    return kind(**made)
+
+
 def run_name(config: Config) -> str:
     """Name of the run folder, made of the options that tell runs apart.
 
@@ -224,44 +248,3 @@ def smoke_sized(config: Config) -> Config:
         potential=replace(config.potential, steps=min(config.potential.steps, 500)),
         evaluation=Evaluation(every=2048, episodes=10),
     )
-
-
-def validate(config: Config) -> None:
-    """Checks every value against its range, and the values that belong together.
-
-    Raises:
-      UserError: the first value that cannot be used, and what to change.
-    """
-    check_limits(config)
-    capacity, envs = config.replay.capacity, config.envs
-    if capacity < envs or capacity % envs:
-        nearest = max(1, round(capacity / envs)) * envs
-        raise UserError(
-            f"--replay.capacity: got {capacity}, allowed: multiples of --envs ({envs}); "
-            f"use {nearest}"
-        )
-    if config.sac.warmup_steps >= config.steps:
-        raise UserError(
-            f"--sac.warmup-steps: got {config.sac.warmup_steps}, allowed: below --steps "
-            f"({config.steps}); lower it or raise --steps"
-        )
-    if config.algorithm == "crsfd" and config.potential.gamma > config.sac.gamma:
-        raise UserError(
-            f"--potential.gamma: got {config.potential.gamma:g}, allowed: at most --sac.gamma "
-            f"({config.sac.gamma:g}); lower it or raise --sac.gamma"
-        )
-    validate_parts(config.scene)
-
-
-def validate_parts(scene: Scene) -> None:
-    """Checks that a digit with these sizes leaves something of the peg.
-
-    Raises:
-      UserError: the clearance is as wide as a stroke of the digit.
-    """
-    stroke = scene.footprint / 5
-    if scene.clearance >= stroke:
-        raise UserError(
-            f"--scene.clearance: got {format_length(scene.clearance)}, allowed: below a fifth of "
-            f"--scene.footprint ({format_length(stroke)}); lower it"
-        )

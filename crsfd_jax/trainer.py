@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import algorithms, artefacts, checkpoints, chunk, device, evaluation, metrics, task
+from crsfd_jax import algorithms, artefacts, checkpoints, chunk, device, evaluation, metrics, policy, task
 from crsfd_jax import train_step
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, run_name
@@ -146,6 +146,7 @@ def _run(config: Config, program: Program, folder: artefacts.RunFolder) -> int:
                 saved_at = time.monotonic()
         at.wall_s = time.monotonic() - began
         _save(folder, states, at)
+        policy.save(folder.path, states.agent.actor)
     if at.step < total:
         _say(f"stopped at {at.step * config.envs} steps, saved; go on with the same command:")
         _say(f"  {_command()}")

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crsfd_jax.demos import npz
+from crsfd_jax import npz
 from crsfd_jax.demos.provenance import Provenance, from_json, to_json
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically

@@ -138,7 +138,7 @@ _DTYPES = {
         "complex128": 18,
     }.items()
 }
-_HANDLERS: dict[str, ctypes._CFuncPtr] = {}
+_HANDLERS: dict[str, object] = {}
 
 
 def call(
@@ -168,9 +168,7 @@ def _call_back(function, results, *args):
         function(inputs, outputs)
         return tuple(outputs)
 
-    return jax.pure_callback(
-        allocate_and_call, tuple(results), *args, vmap_method="broadcast_all"
-    )
+    return jax.pure_callback(allocate_and_call, tuple(results), *args, vmap_method="broadcast_all")
 
 
 @functools.cache
@@ -228,7 +226,8 @@ def _arrays(frame):
 def _array(buffer):
     shape, dtype = buffer.dims[: buffer.rank], _DTYPES[buffer.dtype]
     size = math.prod(shape) * dtype.itemsize
-    return np.ndarray(shape, dtype, (ctypes.c_char * size).from_address(buffer.data or 0))
+    memory = (ctypes.c_char * size).from_address(buffer.data or 0)
+    return np.ndarray(shape, dtype, memoryview(memory))
 
 
 def _error(api):

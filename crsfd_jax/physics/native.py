@@ -1,6 +1,7 @@
 """MuJoCo's C engine, many simulations on all cores, called from inside a jitted program."""
 
 import functools
+import hashlib
 
 import jax
 import jax.numpy as jnp
@@ -8,28 +9,31 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from crsfd_jax.physics import host_call
 from crsfd_jax.physics.interface import CONTROL_DT, Engine, PhysicsState, Surroundings
 from crsfd_jax.scene.build import Scene
 
 
 def make(scene: Scene) -> Engine:
-    """The C engine behind a callback; leading axes of a vmap become more simulations."""
+    """The C engine on the host; leading axes of a vmap become more simulations."""
     simulate = functools.partial(_simulate, scene, {})
+    name = f"mujoco_{_digest(scene)}"
 
     def step(state: PhysicsState, around: Surroundings, setpoint: jax.Array) -> PhysicsState:
-        result = jax.ShapeDtypeStruct((*state.qpos.shape[:-1], 3, 7), jnp.float32)
-        packed = jnp.stack([state.qpos, state.qvel, state.warmstart], axis=-2)
-        out = jax.pure_callback(
+        joints = jax.ShapeDtypeStruct(state.qpos.shape, jnp.float32)
+        qpos, qvel, warmstart = host_call.call(
+            name,
             simulate,
-            result,
-            packed,
+            (joints, joints, joints),
             around.shape,
             around.socket_offset,
             around.friction,
+            state.qpos,
+            state.qvel,
+            state.warmstart,
             setpoint,
-            vmap_method="broadcast_all",
         )
-        return PhysicsState(qpos=out[..., 0, :], qvel=out[..., 1, :], warmstart=out[..., 2, :])
+        return PhysicsState(qpos=qpos, qvel=qvel, warmstart=warmstart)
 
     return Engine(name="native", step=step)
 
@@ -40,9 +44,11 @@ class _Pool:
     def __init__(self, scene: Scene, size: int):
         self.scene = scene
         self.batch = mujoco.batch.Batch(scene.model, size, nthread=0, persistent=True)
-        self.qpos, self.qvel, self.warmstart, self.ctrl, self.mocap = (
-            self.batch.bind(n) for n in ("qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos")
-        )
+        self.motion = [self.batch.bind(n) for n in ("qpos", "qvel", "qacc_warmstart")]
+        self.ctrl = self.batch.bind("ctrl")
+        self.socket = self.batch.bind("mocap_pos")[:, 0]
+        self.socket[:] = scene.nominal
+        self.still = self.batch.state[0].copy()
         self.geometry = {name: self.batch.expand(name) for name in scene.geometry}
         self.friction = self.batch.expand("geom_friction")
         self.shape_now = np.zeros(size, np.int32)
@@ -50,7 +56,7 @@ class _Pool:
         self.substeps = round(CONTROL_DT / scene.model.opt.timestep)
 
     def set_surroundings(self, shape, offset, friction):
-        """Writes only the model fields that changed: shapes rarely do, friction at most at resets."""
+        """Writes only the model fields that changed: shapes rarely do, friction only at resets."""
         changed = np.flatnonzero(shape != self.shape_now)
         if changed.size:
             for name, table in self.scene.geometry.items():
@@ -61,28 +67,42 @@ class _Pool:
             rows = np.ix_(changed, self.scene.part_geoms)
             self.friction[(*rows, 0)] = friction[changed, None]
             self.friction_now[changed] = friction[changed]
-        self.mocap[:, 0] = self.scene.nominal
-        self.mocap[:, 0, :2] += offset
+        np.add(self.scene.nominal[:2], offset, out=self.socket[:, :2])
 
-    def step(self, packed, setpoint):
-        finite = np.isfinite(packed).all(axis=(1, 2)) & np.isfinite(setpoint).all(axis=1)
-        packed = np.where(finite[:, None, None], packed, 0.0)
-        self.qpos[:], self.qvel[:], self.warmstart[:] = packed[:, 0], packed[:, 1], packed[:, 2]
-        self.ctrl[:] = np.where(finite[:, None], setpoint, 0.0)
+    def step(self, motion, setpoint, moved):
+        """Writes to `moved` where a control step takes `motion`."""
+        for own, given in zip(self.motion, motion, strict=True):
+            own[:] = given
+        self.ctrl[:] = setpoint
+        broken = ~np.isfinite(self.batch.state).all(axis=1)
+        self.batch.state[broken] = self.still
         self.batch.step(nstep=self.substeps)
-        out = np.stack([self.qpos, self.qvel, self.warmstart], axis=1).astype(np.float32)
-        out[~finite] = np.nan
-        return out
+        for own, wanted in zip(self.motion, moved, strict=True):
+            wanted[:] = own
+            wanted[broken] = np.nan
 
 
-def _simulate(scene, pools, packed, shape, offset, friction, setpoint):
-    packed, shape, offset, friction, setpoint = map(
-        np.asarray, (packed, shape, offset, friction, setpoint)
-    )
-    lead = packed.shape[:-2]
-    size = int(np.prod(lead))
-    if size not in pools:
-        pools[size] = _Pool(scene, size)
-    pool = pools[size]
-    pool.set_surroundings(shape.reshape(size), offset.reshape(size, 2), friction.reshape(size))
-    return pool.step(packed.reshape(size, 3, 7), setpoint.reshape(size, 6)).reshape(*lead, 3, 7)
+def _simulate(scene, pools, inputs, outputs):
+    lead = inputs[0].shape
+    size = inputs[0].size
+    flat = [array.reshape(size, *array.shape[len(lead) :]) for array in (*inputs, *outputs)]
+    free = pools.setdefault(size, [])
+    # A batch serves one thread at a time; concurrent calls, as of several devices, get their own.
+    try:
+        pool = free.pop()
+    except IndexError:
+        pool = _Pool(scene, size)
+    try:
+        pool.set_surroundings(*flat[:3])
+        pool.step(flat[3:6], flat[6], flat[7:])
+    finally:
+        free.append(pool)
+
+
+def _digest(scene):
+    model = np.zeros(mujoco.mj_sizeModel(scene.model), np.uint8)
+    mujoco.mj_saveModel(scene.model, None, model)
+    digest = hashlib.sha256(model)
+    for table in (*scene.geometry.values(), scene.part_geoms, scene.nominal):
+        digest.update(np.ascontiguousarray(table))
+    return digest.hexdigest()[:16]

@@ -45,13 +45,13 @@ def read(path: Path, dtypes: Mapping[str, type], max_bytes: int) -> dict[str, np
             _check_members(archive, dtypes, max_bytes)
             return {name: _read_array(archive, name, dtypes[name]) for name in dtypes}
     except UserError as error:
-        raise UserError(f"demo {path}: {error}") from None
+        raise UserError(f"{path}: {error}") from None
     except OSError as error:
         reason = error.strerror or "it is damaged"
-        raise UserError(f"demo {path}: cannot be read: {reason}; check the name") from error
+        raise UserError(f"{path}: cannot be read: {reason}; check the name") from error
     except _DAMAGE as error:
         raise UserError(
-            f"demo {path}: not a readable .npz file, cut short or damaged "
+            f"{path}: not a readable .npz file, cut short or damaged "
             f"({type(error).__name__}); record or copy it again"
         ) from error
 

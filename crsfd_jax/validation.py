@@ -1,0 +1,47 @@
+"""Values of a configuration that must fit each other, besides their own ranges."""
+
+from crsfd_jax.config import Config, Scene
+from crsfd_jax.errors import UserError
+from crsfd_jax.limits import check_limits
+from crsfd_jax.units import format_length
+
+
+def validate(config: Config) -> None:
+    """Checks every value against its range, and the values that belong together.
+
+    Raises:
+      UserError: the first value that cannot be used, and what to change.
+    """
+    check_limits(config)
+    capacity, envs = config.replay.capacity, config.envs
+    if capacity < envs or capacity % envs:
+        nearest = max(1, round(capacity / envs)) * envs
+        raise UserError(
+            f"--replay.capacity: got {capacity}, allowed: multiples of --envs ({envs}); "
+            f"use {nearest}"
+        )
+    if config.sac.warmup_steps >= config.steps:
+        raise UserError(
+            f"--sac.warmup-steps: got {config.sac.warmup_steps}, allowed: below --steps "
+            f"({config.steps}); lower it or raise --steps"
+        )
+    if config.algorithm == "crsfd" and config.potential.gamma > config.sac.gamma:
+        raise UserError(
+            f"--potential.gamma: got {config.potential.gamma:g}, allowed: at most --sac.gamma "
+            f"({config.sac.gamma:g}); lower it or raise --sac.gamma"
+        )
+    validate_parts(config.scene)
+
+
+def validate_parts(scene: Scene) -> None:
+    """Checks that a digit with these sizes leaves something of the peg.
+
+    Raises:
+      UserError: the clearance is as wide as a stroke of the digit.
+    """
+    stroke = scene.footprint / 5
+    if scene.clearance >= stroke:
+        raise UserError(
+            f"--scene.clearance: got {format_length(scene.clearance)}, allowed: below a fifth of "
+            f"--scene.footprint ({format_length(stroke)}); lower it"
+        )
