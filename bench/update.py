@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import json
 import time
 from collections.abc import Callable
+from importlib import metadata
 
 import flax
 import jax
 import jax.numpy as jnp
-import jaxlib
 import tyro
 
 from crsfd_jax import config
@@ -41,7 +42,7 @@ class Options:
     """Environments of each seed."""
     steps: int = 2
     """Vector steps in a timed call."""
-    rounds: int = 12
+    rounds: int = 8
     """Timed calls of each program; the fastest counts."""
     sac: config.Sac = dataclasses.field(default_factory=config.Sac)
     replay: config.Replay = dataclasses.field(default_factory=config.Replay)
@@ -75,7 +76,7 @@ def vector_step(options: Options, with_updates: bool) -> Callable:
     shape = (options.sac.updates_per_step, options.sac.batch_size)
 
     def update(agent, inputs):
-        agent, td_error, _ = sac.update(nets, agent, *inputs, run)
+        agent, td_error, _ = sac.update(nets, agent, inputs[0], inputs[1], run)
         return agent, td_error
 
     def step_seed(state, step, key):
@@ -162,7 +163,7 @@ def products(options: Options, num_seeds: int) -> Callable[[], None]:
 
 
 def _layers(sizes: tuple[int, ...]) -> list[tuple[int, int]]:
-    return list(zip(sizes[:-1], sizes[1:], strict=True))
+    return list(itertools.pairwise(sizes))
 
 
 def best_times(calls: list[Callable[[], None]], rounds: int) -> list[float]:
@@ -201,7 +202,7 @@ def main() -> None:
         "bench": "update",
         "device": jax.devices()[0].device_kind,
         "jax": jax.__version__,
-        "jaxlib": jaxlib.__version__,
+        "jaxlib": metadata.version("jaxlib"),
         "flax": flax.__version__,
         "batch_size": options.sac.batch_size,
         "hidden": options.sac.hidden,

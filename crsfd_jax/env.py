@@ -40,7 +40,7 @@ OBSERVATION = (
 )
 """Name, size, unit and scale of each part: an observation holds value / scale, clipped to +-10."""
 OBS_SIZE = sum(size for _, size, _, _ in OBSERVATION)
-_SCALE = np.concatenate([np.full(size, scale) for _, size, _, scale in OBSERVATION]).astype(np.float32)
+_SCALE = np.concatenate([np.full(size, scale, np.float32) for _, size, _, scale in OBSERVATION])
 _CLIP = 10.0
 TIP_POSE = slice(14, 20)
 """Where an observation holds the tip's position and rotation."""

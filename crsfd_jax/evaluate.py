@@ -35,7 +35,8 @@ def run(argv: list[str]) -> int:
     from crsfd_jax.report import success
 
     compile_cache.enable()
-    success.report(options)
+    shape = options.shape or None
+    success.report(success.Options(**{**vars(options), "shape": shape}))
     return 0
 
 

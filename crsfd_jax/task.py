@@ -2,8 +2,6 @@
 
 import functools
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from crsfd_jax import config, env
@@ -11,7 +9,7 @@ from crsfd_jax.physics import select
 from crsfd_jax.physics.interface import Engine
 from crsfd_jax.scene import randomize
 from crsfd_jax.scene.build import Scene, build
-from crsfd_jax.scene.kinematics import chain, inverse_kinematics
+from crsfd_jax.scene.kinematics import chain
 
 
 @functools.cache

@@ -11,17 +11,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import algorithms, artefacts, checkpoints, chunk, device, evaluation, metrics, policy, task
-from crsfd_jax import train_step
+from crsfd_jax import (
+    algorithms,
+    artefacts,
+    checkpoints,
+    chunk,
+    device,
+    evaluation,
+    metrics,
+    policy,
+    task,
+    train_step,
+)
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, run_name
 from crsfd_jax.demos import commands
 from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
 from crsfd_jax.interrupt import Interrupt
+from crsfd_jax.leaves import stored_bytes
 from crsfd_jax.progress import progress
 from crsfd_jax.report import curves
-from crsfd_jax.leaves import stored_bytes
 from crsfd_jax.report.intervals import wilson_interval
 from crsfd_jax.train_step import Learner, TrainState
 from crsfd_jax.types import Transition
@@ -32,6 +42,8 @@ CHUNK_STEPS = 16
 """Vector steps compiled as one program call; a signal is answered after at most one call."""
 _FRESH = 7_919
 """Keeps the keys of evaluation apart from those of training."""
+_QUICK_COMPILE = {"xla_backend_optimization_level": 1}
+"""For what runs once: the generators of initial weights take half a minute at the full level."""
 _SAVE_SHARE = 0.02
 """Largest share of the wall time that saving may take."""
 
@@ -123,7 +135,8 @@ def _program(config: Config, env: Env, learner: Learner, demos: Transition) -> P
 
         return jax.vmap(one)(actor, seeds)
 
-    return Program(jax.jit(start), chunk.make(learner, CHUNK_STEPS), jax.jit(evaluate))
+    start = jax.jit(start, compiler_options=_QUICK_COMPILE)
+    return Program(start, chunk.make(learner, CHUNK_STEPS), jax.jit(evaluate))
 
 
 def _run(config: Config, program: Program, folder: artefacts.RunFolder) -> int:
@@ -165,7 +178,8 @@ def _start_or_resume(config, program, folder) -> tuple[TrainState, Progress]:
     metrics.truncate(folder.metrics, 0)
     began = time.monotonic()
     states = jax.block_until_ready(program.start())
-    _say(f"prepared  {config.algorithm} for {config.seeds} seeds in {time.monotonic() - began:.1f} s")
+    took = time.monotonic() - began
+    _say(f"prepared  {config.algorithm} for {config.seeds} seeds in {took:.1f} s")
     return states, Progress()
 
 

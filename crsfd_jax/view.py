@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from crsfd_jax import cli, config
+from crsfd_jax import cli, config, validation
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
 from crsfd_jax.report import opengl
@@ -29,7 +29,7 @@ def main(argv: list[str]) -> None:
       UserError: an option cannot be used, OpenGL is missing or the file cannot be written.
     """
     view = cli.parse(View, argv)
-    config.validate(config.Config(shape=view.shape, shift=view.shift, scene=view.scene))
+    validation.validate(config.Config(shape=view.shape, shift=view.shift, scene=view.scene))
     opengl.platform()
     # Imported late: a bad command line is answered at once, and mujoco needs its OpenGL known.
     from PIL import Image

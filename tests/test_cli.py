@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from crsfd_jax import cli
 from crsfd_jax.config import ALGORITHMS, Config, Sac, run_name, to_dict
-from crsfd_jax.validation import validate
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import Interval, check_limits
+from crsfd_jax.validation import validate
 
 PROGRAM = """
 import sys

@@ -117,6 +117,16 @@ def test_the_extremes_of_the_random_number_never_pick_an_empty_entry(uniform):
     assert mass[replay._pick(mass, jnp.asarray(uniform))] > 0
 
 
+def test_rounding_in_the_cumulative_sum_never_picks_an_empty_entry():
+    """Aims at every step of the sum, where an empty entry can seem one rounding error wide."""
+    rng = np.random.default_rng(0)
+    mass = (rng.pareto(1.0, size=2400) * (rng.random(2400) < 0.3)).astype(np.float32)
+    steps = np.cumsum(mass, dtype=np.float64)
+    aims = np.asarray(steps / steps[-1], np.float32)[:, None] + np.arange(-4, 5) * 2.0**-25
+    picks = jax.jit(replay._pick)(mass, jnp.asarray(np.clip(aims, 0.0, 1.0), jnp.float32))
+    assert (mass[picks] > 0).all()
+
+
 def test_demonstrations_survive_several_wraps_and_the_newest_rows_replace_the_oldest():
     state = replay.init(rows(range(5)), 4, CONFIG)
     add = jax.jit(replay.add)

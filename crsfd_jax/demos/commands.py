@@ -77,7 +77,7 @@ def check(name: str) -> int:
     total, lost = len(played.success), int((played.recorded_success & ~played.success).sum())
     print(f"recorded  {played.recorded_success.sum()} of {total} episodes successful")
     print(f"replayed  {played.success.sum()} of {total} episodes successful")
-    print(f"largest distance between recorded and replayed tip {played.deviation.max() * 1e3:.3f} mm")
+    print(f"largest distance of recorded and replayed tip {played.deviation.max() * 1e3:.3f} mm")
     if lost:
         print(f"{lost} episodes that the file calls successful do not insert here")
     return 1 if lost else 0

@@ -37,7 +37,7 @@ def replay(demos: Demonstrations, engine: str = "auto") -> Replayed:
     tips, terminated = jax.jit(_roll, static_argnums=0)(env, start, actions)
     distance = np.linalg.norm(np.asarray(tips)[..., :3] - recorded, axis=-1)
     return Replayed(
-        success=(np.asarray(terminated) & is_played).any(axis=0),
+        success=np.any(np.asarray(terminated) & is_played, axis=0),
         recorded_success=episode_success(demos),
         deviation=np.where(is_played, distance, 0.0).max(axis=0),
     )

@@ -119,24 +119,21 @@ _Handler = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.POINTER(_Frame))
 _QUERY_METADATA = 1
 _INTERNAL_ERROR = 13
 _DTYPES = {
-    code: jnp.dtype(name)
-    for name, code in {
-        "bool": 1,
-        "int8": 2,
-        "int16": 3,
-        "int32": 4,
-        "int64": 5,
-        "uint8": 6,
-        "uint16": 7,
-        "uint32": 8,
-        "uint64": 9,
-        "float16": 10,
-        "float32": 11,
-        "float64": 12,
-        "complex64": 15,
-        "bfloat16": 16,
-        "complex128": 18,
-    }.items()
+    1: jnp.dtype("bool"),
+    2: jnp.dtype("int8"),
+    3: jnp.dtype("int16"),
+    4: jnp.dtype("int32"),
+    5: jnp.dtype("int64"),
+    6: jnp.dtype("uint8"),
+    7: jnp.dtype("uint16"),
+    8: jnp.dtype("uint32"),
+    9: jnp.dtype("uint64"),
+    10: jnp.dtype("float16"),
+    11: jnp.dtype("float32"),
+    12: jnp.dtype("float64"),
+    15: jnp.dtype("complex64"),
+    16: jnp.dtype("bfloat16"),
+    18: jnp.dtype("complex128"),
 }
 _HANDLERS: dict[str, object] = {}
 
@@ -144,18 +141,30 @@ _HANDLERS: dict[str, object] = {}
 def call(
     name: str, function: Function, results: Sequence[jax.ShapeDtypeStruct], *args: jax.Array
 ) -> Sequence[jax.Array]:
-    """The function's outputs, shaped like `results`; raises in the program what it raises.
+    """The function's outputs, shaped like `results`; what it raises, the program raises.
 
     Args:
-      name: tells the function from all others, in every process that shares a compilation cache:
-        what the function closes over must be part of it. The first function of a name is kept.
+      name: tells the function and all that it closes over from others: the first function of a
+        name is kept. Programs come from the cache where the name is the same in every process.
+
+    Raises:
+      ValueError: a dtype that numpy functions cannot be given.
     """
+    for array in (*args, *results):
+        if array.dtype not in _DTYPES.values():
+            allowed = ", ".join(map(str, _DTYPES.values()))
+            raise ValueError(f"host call {name}: got dtype {array.dtype}, allowed: {allowed}")
     if jax.default_backend() != "cpu" or not _speaks_our_version():
         return _call_back(function, results, *args)
     if name not in _HANDLERS:
         _HANDLERS[name] = _handler(function)
         jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(_HANDLERS[name]), platform="cpu")
-    return jax.ffi.ffi_call(name, tuple(results), vmap_method="broadcast_all")(*args)
+    # The effect makes the process wait for the program before it ends: a handler that is called
+    # while the interpreter shuts down never returns.
+    compiled = jax.ffi.ffi_call(
+        name, tuple(results), vmap_method="broadcast_all", has_side_effect=True
+    )
+    return compiled(*args)
 
 
 def _call_back(function, results, *args):

@@ -102,7 +102,7 @@ def _simulate(scene, pools, inputs, outputs):
 def _digest(scene):
     model = np.zeros(mujoco.mj_sizeModel(scene.model), np.uint8)
     mujoco.mj_saveModel(scene.model, None, model)
-    digest = hashlib.sha256(model)
+    digest = hashlib.sha256(model.tobytes())
     for table in (*scene.geometry.values(), scene.part_geoms, scene.nominal):
-        digest.update(np.ascontiguousarray(table))
+        digest.update(table.tobytes())
     return digest.hexdigest()[:16]

@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,15 +14,15 @@ from crsfd_jax.learn import networks
 from crsfd_jax.report.intervals import wilson_interval
 
 
-class Options(Protocol):
-    """What to evaluate: see crsfd_jax/evaluate.py."""
+class Options(NamedTuple):
+    """What to evaluate; None stands for the run's own value."""
 
     run: str
-    shape: str
+    shape: str | None
     shift: float | None
     episodes: int
     seed: int
-    engine: str
+    engine: Literal["auto", "native", "mjx", "warp"]
 
 
 def report(options: Options) -> None:
@@ -32,7 +32,7 @@ def report(options: Options) -> None:
         config,
         shape=options.shape or config.shape,
         shift=config.shift if options.shift is None else options.shift,
-        engine=options.engine,  # pyright: ignore[reportArgumentType]
+        engine=options.engine,
     )
     env = task.make_env(config)
     nets = networks.make_networks(config.sac, ACTION_SIZE)

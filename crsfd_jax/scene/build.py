@@ -26,7 +26,7 @@ class Scene(NamedTuple):
     """A compiled model with what its users look up by name."""
 
     model: mujoco.MjModel
-    """Compiled for the first shape, without what is there for show: that costs half as much again."""
+    """Compiled for the first shape, without what is only for show and slows a step down."""
     look: mujoco.MjModel
     """The same with the arm's shells, the table and the light in the hole, for pictures."""
     shapes: tuple[str, ...]
@@ -55,7 +55,8 @@ def build(parts: config.Scene, shapes: tuple[str, ...] = config.SHAPES) -> Scene
       ValueError: the compiled models differ in more than the geometry fields.
     """
     solids = [digits.solids(shape, parts.footprint, parts.clearance) for shape in shapes]
-    counts = tuple(max(len(group) for group in column) for column in zip(*map(_groups, solids), strict=True))
+    columns = zip(*map(_groups, solids), strict=True)
+    counts = tuple(max(len(group) for group in column) for column in columns)
     models = [_compile(solid, counts) for solid in solids]
     _check_equal(models)
     model = models[0]
@@ -113,7 +114,8 @@ def _add_geoms(spec, body, kind, rows, count):
     parked = [0, 0, digits.PEG_LENGTH if kind.startswith("peg") else under_floor]
     for i in range(count):
         used = i < len(rows)
-        geom = body.add_geom(spec.find_default(kind), name=f"{kind}{i}", pos=rows[i][:3] if used else parked)
+        position = rows[i][:3] if used else parked
+        geom = body.add_geom(spec.find_default(kind), name=f"{kind}{i}", pos=position)
         if kind.endswith("box"):
             geom.size = rows[i][3:] if used else [_PARKED] * 3
         else:
@@ -132,8 +134,9 @@ def _check_equal(models):
         if differs and name not in GEOMETRY_FIELDS and not name.startswith("bvh_"):
             raise ValueError(f"{name} differs between shapes; only {GEOMETRY_FIELDS} may")
     for body in ("peg", "socket"):
-        low, high = zip(*(_bounds(m, body) for m in models), strict=True)
-        if (low[0] > np.min(low, axis=0) + 1e-9).any() or (high[0] < np.max(high, axis=0) - 1e-9).any():
+        sides = zip(*(_bounds(model, body) for model in models), strict=True)
+        low, high = (np.stack(side) for side in sides)
+        if (low[0] > low.min(axis=0) + 1e-9).any() or (high[0] < high.max(axis=0) - 1e-9).any():
             raise ValueError(f"the {body} of the first shape must enclose those of the others")
 
 

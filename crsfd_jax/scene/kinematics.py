@@ -4,6 +4,7 @@ The chain is read from the compiled model, so there is one description of the ar
 observations come from here, which makes them equal for equal joint states.
 """
 
+import itertools
 from typing import NamedTuple
 
 import jax
@@ -31,11 +32,12 @@ def chain(scene: Scene) -> Chain:
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
     mujoco.mj_kinematics(model, data)
-    joints = model.jnt_bodyid
-    rotations = [data.xmat[b].reshape(3, 3) for b in joints] + [data.site_xmat[scene.tip_site].reshape(3, 3)]
-    positions = [data.xpos[b] - scene.nominal for b in joints] + [data.site_xpos[scene.tip_site] - scene.nominal]
+    joints, tip = model.jnt_bodyid, scene.tip_site
+    rotations = [*data.xmat[joints].reshape(-1, 3, 3), data.site_xmat[tip].reshape(3, 3)]
+    positions = [*data.xpos[joints], data.site_xpos[tip]] - scene.nominal
     frames = [(np.eye(3), np.zeros(3)), *zip(rotations, positions, strict=True)]
-    steps = [(r0.T @ r1, r0.T @ (p1 - p0)) for (r0, p0), (r1, p1) in zip(frames, frames[1:], strict=False)]
+    pairs = itertools.pairwise(frames)
+    steps = [(r0.T @ r1, r0.T @ (p1 - p0)) for (r0, p0), (r1, p1) in pairs]
     return Chain(
         rotations=np.stack([r for r, _ in steps]).astype(np.float32),
         offsets=np.stack([p for _, p in steps]).astype(np.float32),
@@ -93,7 +95,8 @@ def rotation_matrix(vector: jax.Array) -> jax.Array:
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     o = jnp.zeros_like(x)
     cross = jnp.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*vector.shape[:-1], 3, 3)
-    return jnp.eye(3) + jnp.sin(angle) / angle * cross + (1 - jnp.cos(angle)) / angle**2 * (cross @ cross)
+    sine, versine = jnp.sin(angle) / angle, (1 - jnp.cos(angle)) / angle**2
+    return jnp.eye(3) + sine * cross + versine * (cross @ cross)
 
 
 HOME = np.array([0.0, 0.2, 0.0, -2.5, 0.0, 2.7, np.pi / 4], np.float32)

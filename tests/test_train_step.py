@@ -1,0 +1,142 @@
+"""The fused step on a probe environment: what is stored, what is learned, what stays apart."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import probe_env
+import pytest
+
+from crsfd_jax import algorithms, chunk, train_step
+
+
+def learner_and_states(config, env=None, num_demos=6, seeds=3):
+    env = env or probe_env.make()
+    learner = train_step.make(env, algorithms.load(config.algorithm), config)
+    keys = jax.vmap(jax.random.key)(jnp.arange(seeds))
+    preparation = probe_env.preparation(num_demos)
+    return learner, jax.vmap(lambda key: learner.init(key, preparation))(keys)
+
+
+def test_seed_in_a_batch_equals_the_seed_alone():
+    """Equal up to the order of float32 sums, which differs with the size of a matrix product."""
+    config = probe_env.config()
+    learner, states = learner_and_states(config)
+    together, _ = chunk.make(learner, 24)(states, jnp.int32(0))
+    for seed in range(3):
+        _, states = learner_and_states(config)
+        one = jax.tree.map(lambda leaf, i=seed: leaf[i : i + 1], states)
+        alone, _ = chunk.make(learner, 24)(one, jnp.int32(0))
+        for a, b in zip(
+            jax.tree.leaves(together.agent), jax.tree.leaves(alone.agent), strict=True
+        ):
+            np.testing.assert_allclose(a[seed], b[0], rtol=2e-4, atol=2e-5)
+
+
+def test_seeds_differ():
+    learner, states = learner_and_states(probe_env.config())
+    after, _ = chunk.make(learner, 8)(states, jnp.int32(0))
+    kernel = jax.tree.leaves(after.agent.actor)[-1]
+    assert not np.allclose(kernel[0], kernel[1])
+
+
+def test_two_chunks_equal_one_of_twice_the_length_bit_by_bit():
+    config = probe_env.config()
+    learner, states = learner_and_states(config)
+    once, _ = chunk.make(learner, 16)(states, jnp.int32(0))
+    _, states = learner_and_states(config)
+    half = chunk.make(learner, 8)
+    states, _ = half(states, jnp.int32(0))
+    twice, _ = half(states, jnp.int32(8))
+    for a, b in zip(jax.tree.leaves(once.agent), jax.tree.leaves(twice.agent), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_chunk_is_compiled_once():
+    learner, states = learner_and_states(probe_env.config())
+    advance = chunk.make(learner, 4)
+    for step in range(0, 12, 4):
+        states, _ = advance(states, jnp.int32(step))
+    assert advance._cache_size() == 1
+
+
+def test_nothing_is_learned_during_warmup():
+    config = probe_env.config()
+    learner, states = learner_and_states(config)
+    before = jax.tree.map(np.asarray, states.agent)
+    after, _ = chunk.make(learner, 4)(states, jnp.int32(0))
+    for a, b in zip(jax.tree.leaves(before), jax.tree.leaves(after.agent), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_what_is_stored_is_what_happened_before_any_reset():
+    config = probe_env.config()
+    learner, states = learner_and_states(config)
+    after, _ = chunk.make(learner, 12)(states, jnp.int32(0))
+    storage = jax.tree.map(lambda leaf: np.asarray(leaf)[0, 6 : 6 + 48], after.replay.storage)
+    # The first entry counts steps, so it grows by one over every stored step, resets included.
+    np.testing.assert_array_equal(storage.next_obs[:, 0], storage.obs[:, 0] + 1)
+    np.testing.assert_array_equal(storage.next_obs[:, 1:], storage.obs[:, 1:])
+    np.testing.assert_array_equal(storage.terminated, storage.action[:, 0] > 0)
+    assert storage.terminated.any() and not storage.terminated.all()
+
+
+def test_a_broken_simulation_is_counted_and_never_stored():
+    config = probe_env.config()
+    learner, states = learner_and_states(config, env=probe_env.make(breaks_at=0.5))
+    after, metrics = chunk.make(learner, 12)(states, jnp.int32(0))
+    assert (np.asarray(metrics["nonfinite"]) > 0).all()
+    for leaf in jax.tree.leaves((after.agent, after.replay)):
+        assert np.isfinite(np.asarray(leaf, np.float64)).all()
+    stored = np.asarray(after.replay.priority)[:, 6 : 6 + 48] > 0
+    assert stored.sum() == 3 * 48 - np.asarray(metrics["nonfinite"]).sum()
+
+
+def test_demonstrations_stay_in_the_buffer():
+    config = probe_env.config()
+    learner, states = learner_and_states(config)
+    demos = jax.tree.map(lambda leaf: np.asarray(leaf)[:, :6], states.replay.storage)
+    after, _ = chunk.make(learner, 40)(states, jnp.int32(0))
+    kept = jax.tree.map(lambda leaf: np.asarray(leaf)[:, :6], after.replay.storage)
+    jax.tree.map(np.testing.assert_array_equal, demos, kept)
+
+
+def test_sac_draws_uniformly_and_without_demonstrations():
+    config = probe_env.config(algorithm="sac")
+    learner, states = learner_and_states(config)
+    after, metrics = chunk.make(learner, 12)(states, jnp.int32(0))
+    weight = np.asarray(after.replay.priority)
+    assert set(np.unique(weight)) <= {0.0, 1.0}
+    assert (np.asarray(metrics["demo_share"]) == 0).all()
+
+
+def test_methods_differ_only_in_their_rewards_and_buffer():
+    """CRSfD with a potential that is zero everywhere learns exactly as SACfD does."""
+    config = probe_env.config()
+    learner, states = learner_and_states(config)
+    plain, _ = chunk.make(learner, 16)(states, jnp.int32(0))
+    config = dataclasses.replace(config, algorithm="crsfd")
+    learner, states = learner_and_states(config)
+    fitted = jax.tree.map(jnp.zeros_like, states.prepared)
+    fitted = jax.tree_util.tree_map_with_path(_minus_infinity_at_the_output, fitted)
+    shaped, _ = chunk.make(learner, 16)(states.replace(prepared=fitted), jnp.int32(0))
+    for a, b in zip(jax.tree.leaves(plain.agent), jax.tree.leaves(shaped.agent), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6)
+
+
+def _minus_infinity_at_the_output(path, leaf):
+    is_output_bias = "Dense_2" in jax.tree_util.keystr(path) and leaf.shape[-1] == 1
+    return jnp.full_like(leaf, -100.0) if is_output_bias and leaf.ndim == 2 else leaf
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "sacfd", "crsfd"])
+def test_every_method_learns_the_probe(algorithm):
+    sac = dataclasses.replace(probe_env.config().sac, learning_rate=3e-3, updates_per_step=4)
+    config = probe_env.config(algorithm=algorithm, sac=sac)
+    learner, states = learner_and_states(config)
+    states, _ = chunk.make(learner, 150)(states, jnp.int32(0))
+    _, metrics = chunk.make(learner, 20)(states, jnp.int32(150))
+    share = np.asarray(metrics["successes"] / metrics["episodes"])
+    length = 20 * 4 / np.asarray(metrics["episodes"])
+    assert (share > 0.95).all() and (length < 1.6).all()
