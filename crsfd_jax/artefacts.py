@@ -53,17 +53,16 @@ class RunFolder(NamedTuple):
 
 @contextlib.contextmanager
 def open_run(
-    path: str | Path, config: Config, device: str, command: Sequence[str], checkpoint_bytes: int
+    path: str | Path, config: Config, device: str, command: Sequence[str]
 ) -> Iterator[RunFolder]:
     """Creates a run folder, or reopens that of the same run; it is ours while the block lasts.
 
     Args:
       device: what the run computes on, in words.
-      checkpoint_bytes: size of one checkpoint; the disk must have room for what is kept.
 
     Raises:
       UserError: another process runs in it, it holds something else or a run with other
-        options, it cannot be written, or the disk is too full.
+        options, or it cannot be written.
     """
     path = Path(path).absolute()
     run = RunFolder(path, path / "metrics.csv", path / "checkpoints", path / "curves.png")
@@ -71,7 +70,6 @@ def open_run(
         _refuse_foreign(path)
         path.mkdir(parents=True, exist_ok=True)
         with _locked(path):
-            _refuse_full_disk(run, checkpoint_bytes)
             _write_or_compare(path / _CONFIG, _manifest(config, device, command))
             run.checkpoints.mkdir(exist_ok=True)
             sync(path)
@@ -94,6 +92,22 @@ def read_config(path: str | Path) -> Config:
     if not file.is_file():
         raise UserError(f"{path}: holds no {_CONFIG}, expected the folder of a run; check the name")
     return from_dict(_read_manifest(file)["config"])
+
+
+def refuse_full_disk(run: RunFolder, checkpoint_bytes: int) -> None:
+    """Checks that the disk has room for the checkpoints that are kept.
+
+    Raises:
+      UserError: it has not.
+    """
+    present = len(list(run.checkpoints.iterdir())) if run.checkpoints.exists() else 0
+    needed = checkpoint_bytes * max(1, COPIES - present)
+    free = shutil.disk_usage(run.path).free
+    if free < needed:
+        raise UserError(
+            f"{run.path}: the disk has {free / 1e6:.0f} MB free, expected {needed / 1e6:.0f} MB "
+            "for checkpoints; free some, choose another --out or lower --replay.capacity"
+        )
 
 
 def _refuse_foreign(path: Path) -> None:
@@ -124,17 +138,6 @@ def _locked(path: Path) -> Iterator[None]:
         lock.write(f"process {os.getpid()} on {socket.gethostname()} since {now}")
         lock.flush()
         yield
-
-
-def _refuse_full_disk(run: RunFolder, checkpoint_bytes: int) -> None:
-    present = len(list(run.checkpoints.iterdir())) if run.checkpoints.exists() else 0
-    needed = checkpoint_bytes * max(1, COPIES - present)
-    free = shutil.disk_usage(run.path).free
-    if free < needed:
-        raise UserError(
-            f"{run.path}: the disk has {free / 1e6:.0f} MB free, expected {needed / 1e6:.0f} MB "
-            "for checkpoints; free some, choose another --out or lower --replay.capacity"
-        )
 
 
 def _manifest(config: Config, device: str, command: Sequence[str]) -> dict[str, Any]:

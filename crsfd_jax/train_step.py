@@ -4,6 +4,7 @@ Everything here is for one seed; the trainer vmaps over seeds and scans over ste
 counter is the same for all seeds and stays outside the state, so that its branches stay branches.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -37,6 +38,8 @@ class Learner(NamedTuple):
     """(key, preparation) -> state of one seed before its first step."""
     step: Callable[[TrainState, jax.Array], tuple[TrainState, dict[str, jax.Array]]]
     """(state, step) -> state after one vector step, metrics."""
+    learn: Callable[[TrainState, jax.Array, jax.Array], tuple[TrainState, dict[str, jax.Array]]]
+    """(state, step, key) -> state after the gradient updates of a vector step, metrics."""
     nets: networks.Networks
 
 
@@ -63,21 +66,24 @@ def make(env: Env, method: Method, config: Config) -> Learner:
         )
 
     def step(state: TrainState, step: jax.Array) -> tuple[TrainState, dict[str, jax.Array]]:
-        act_key, env_key, draw_key, update_key, key = jax.random.split(state.key, 5)
+        act_key, env_key, learn_key, key = jax.random.split(state.key, 4)
         action = _act(nets, state, step < warmup, act_key)
         next_env, outcome = env.step(state.env, action, env_key)
         transition = _transition(state.env, action, outcome)
         buffer = replay.add(state.replay, transition, outcome.finite, step)
         state = state.replace(env=next_env, replay=buffer, key=key)
 
-        def learn(state: TrainState) -> tuple[TrainState, dict[str, jax.Array]]:
-            return _learn(nets, method, config, state, step, draw_key, update_key)
-
-        idle = jax.tree.map(jnp.zeros_like, jax.eval_shape(learn, state)[1])
-        state, losses = jax.lax.cond(step < warmup, lambda s: (s, idle), learn, state)
+        idle = jax.tree.map(jnp.zeros_like, jax.eval_shape(learn, state, step, learn_key)[1])
+        state, losses = jax.lax.cond(
+            step < warmup,
+            lambda state, *_: (state, idle),
+            learn,
+            *(state, step, learn_key),
+        )
         return state, {**losses, **_tally(outcome)}
 
-    return Learner(init=init, step=step, nets=nets)
+    learn = functools.partial(_learn, nets, method, config)
+    return Learner(init=init, step=step, learn=learn, nets=nets)
 
 
 def _act(nets, state, warming_up, key):
@@ -99,8 +105,9 @@ def _transition(before: EnvState, action: jax.Array, outcome: Outcome) -> Transi
     )
 
 
-def _learn(nets, method, config, state, step, draw_key, update_key):
+def _learn(nets, method, config, state, step, key):
     """All gradient updates of a vector step, and the new priorities."""
+    draw_key, update_key = jax.random.split(key)
     shape = (config.sac.updates_per_step, config.sac.batch_size)
     draw = replay.draw(state.replay, step, draw_key, shape, config.replay)
     rewards = state.replay.storage.reward[draw.rows]

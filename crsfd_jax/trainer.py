@@ -26,6 +26,7 @@ from crsfd_jax import (
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, run_name
 from crsfd_jax.demos import commands
+from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
 from crsfd_jax.interrupt import Interrupt
@@ -49,7 +50,10 @@ _SAVE_SHARE = 0.02
 
 
 class Program(NamedTuple):
-    """The compiled functions of a run."""
+    """The functions of a run."""
+
+    env: Env
+    learner: Learner
 
     start: Callable[[], TrainState]
     """() -> states [S] before the first step."""
@@ -82,15 +86,11 @@ def train(config: Config) -> int:
     """
     config = fitted(config)
     demos = commands.load(config.demos)
-    transitions = Transition(
-        **{f.name: jnp.asarray(getattr(demos, f.name)) for f in dataclasses.fields(Transition)}
-    )
-    env = task.make_env(config)
-    learner = train_step.make(env, algorithms.load(config.algorithm), config)
-    program = _program(config, env, learner, transitions)
-    size = stored_bytes(jax.eval_shape(program.start))
     words = device.describe(config)
-    with artefacts.open_run(config.out, config, words, sys.argv, size) as folder:
+    with artefacts.open_run(config.out, config, words, sys.argv) as folder:
+        program = build(config, demos)
+        size = stored_bytes(jax.eval_shape(program.start))
+        artefacts.refuse_full_disk(folder, size)
         _say(f"device    {words}")
         _say(f"task      shape {config.shape}, shift {config.shift * 1e3:g} mm, {config.algorithm}")
         _say(f"buffer    {config.replay.capacity} transitions a seed, {size / 1e6:.0f} MB in all")
@@ -118,10 +118,16 @@ def evaluation_period(config: Config) -> int:
     return max(1, round(config.evaluation.every / (config.envs * CHUNK_STEPS))) * CHUNK_STEPS
 
 
-def _program(config: Config, env: Env, learner: Learner, demos: Transition) -> Program:
+def build(config: Config, demos: Demonstrations) -> Program:
+    """Everything that a run computes, not compiled yet."""
+    transitions = Transition(
+        **{f.name: jnp.asarray(getattr(demos, f.name)) for f in dataclasses.fields(Transition)}
+    )
+    env = task.make_env(config)
+    learner = train_step.make(env, algorithms.load(config.algorithm), config)
     _, scene = task.engine(device.engine_name(config), config.scene)
     sampler = make_free_space(scene, config.potential.free_space_extent)
-    preparation = Preparation(demos=demos, free_space=sampler)
+    preparation = Preparation(demos=transitions, free_space=sampler)
     seeds = jnp.arange(config.seed, config.seed + config.seeds)
 
     def start() -> TrainState:
@@ -136,7 +142,8 @@ def _program(config: Config, env: Env, learner: Learner, demos: Transition) -> P
         return jax.vmap(one)(actor, seeds)
 
     start = jax.jit(start, compiler_options=_QUICK_COMPILE)
-    return Program(start, chunk.make(learner, CHUNK_STEPS), jax.jit(evaluate))
+    advance = chunk.make(learner, CHUNK_STEPS)
+    return Program(env, learner, start, advance, jax.jit(evaluate))
 
 
 def _run(config: Config, program: Program, folder: artefacts.RunFolder) -> int:

@@ -12,7 +12,7 @@ from collections import namedtuple
 import pytest
 
 from crsfd_jax import artefacts
-from crsfd_jax.artefacts import open_run
+from crsfd_jax.artefacts import open_run, refuse_full_disk
 from crsfd_jax.config import Config, Sac
 from crsfd_jax.errors import UserError
 
@@ -21,14 +21,15 @@ import sys, time
 from crsfd_jax.artefacts import open_run
 from crsfd_jax.config import Config
 
-with open_run(sys.argv[1], Config(), "cpu", [], 0):
+with open_run(sys.argv[1], Config(), "cpu", []):
     print("mine", flush=True)
     time.sleep(60)
 """
 
 
 def enter(path, config=Config(), checkpoint_bytes=1000, device="cpu"):  # noqa: B008
-    with open_run(path, config, device, ["train"], checkpoint_bytes) as run:
+    with open_run(path, config, device, ["train"]) as run:
+        refuse_full_disk(run, checkpoint_bytes)
         return run
 
 
@@ -108,7 +109,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, monkeypatch):
 
 
 def test_an_error_inside_the_block_is_not_mistaken_for_a_bad_folder(tmp_path):
-    with pytest.raises(FileNotFoundError), open_run(tmp_path / "run", Config(), "cpu", [], 0):
+    with pytest.raises(FileNotFoundError), open_run(tmp_path / "run", Config(), "cpu", []):
         (tmp_path / "elsewhere").read_text()
 
 

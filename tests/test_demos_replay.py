@@ -31,8 +31,12 @@ def few(shipped):
     )
 
 
-def test_the_shipped_demonstrations_replay_to_the_same_ends(shipped):
-    played = replay.replay(shipped, "native")
+@pytest.fixture(scope="module")
+def played(shipped):
+    return replay.replay(shipped, "native")
+
+
+def test_the_shipped_demonstrations_replay_to_the_same_ends(shipped, played):
     np.testing.assert_array_equal(played.success, played.recorded_success)
     np.testing.assert_array_equal(played.recorded_success, dataset.episode_success(shipped))
     assert played.recorded_success.mean() >= 0.5 and len(played.success) == 40
@@ -40,10 +44,10 @@ def test_the_shipped_demonstrations_replay_to_the_same_ends(shipped):
     assert np.median(played.deviation) < 1e-4 and played.deviation.max() < 2e-3
 
 
-def test_an_episode_replays_alone_as_among_others(shipped, few):
-    whole, part = replay.replay(shipped, "native"), replay.replay(few, "native")
-    np.testing.assert_array_equal(part.success, whole.success[:KEPT])
-    np.testing.assert_allclose(part.deviation, whole.deviation[:KEPT], atol=1e-4)
+def test_an_episode_replays_alone_as_among_others(few, played):
+    alone = replay.replay(few, "native")
+    np.testing.assert_array_equal(alone.success, played.success[:KEPT])
+    np.testing.assert_allclose(alone.deviation, played.deviation[:KEPT], atol=1e-4)
 
 
 def test_other_actions_lead_elsewhere(few):

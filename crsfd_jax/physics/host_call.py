@@ -5,13 +5,17 @@ compile it anew. Here the program holds a name, which each process binds to its 
 program runs, as a handler of XLA's foreign function interface (xla/ffi/api/c_api.h in jaxlib).
 """
 
+import atexit
+import contextlib
 import ctypes
 import functools
 import math
 import re
+import signal
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
+from ctypes import CFUNCTYPE, POINTER, Structure
 from pathlib import Path
 
 import jax
@@ -27,26 +31,18 @@ that a vmap adds are the same for all of them. Several threads may call at the s
 
 _VERSION = (0, 3)
 """The interface that the structures below describe."""
+_HEAD = (("struct_size", ctypes.c_size_t), ("extension", ctypes.c_void_p))
 
 
-class _Extension(ctypes.Structure):
-    _fields_ = (
-        ("struct_size", ctypes.c_size_t),
-        ("type", ctypes.c_int),
-        ("next", ctypes.c_void_p),
-    )
+class _Extension(Structure):
+    _fields_ = (("struct_size", ctypes.c_size_t), ("type", ctypes.c_int), ("next", ctypes.c_void_p))
 
 
-class _Version(ctypes.Structure):
-    _fields_ = (
-        ("struct_size", ctypes.c_size_t),
-        ("extension", ctypes.c_void_p),
-        ("major", ctypes.c_int),
-        ("minor", ctypes.c_int),
-    )
+class _Version(Structure):
+    _fields_ = (*_HEAD, ("major", ctypes.c_int), ("minor", ctypes.c_int))
 
 
-class _Metadata(ctypes.Structure):
+class _Metadata(Structure):
     _fields_ = (
         ("struct_size", ctypes.c_size_t),
         ("version", _Version),
@@ -55,59 +51,53 @@ class _Metadata(ctypes.Structure):
     )
 
 
-class _Query(ctypes.Structure):
+class _Query(Structure):
     """The extension by which XLA asks a handler what it was written for."""
 
-    _fields_ = (("base", _Extension), ("metadata", ctypes.POINTER(_Metadata)))
+    _fields_ = (("base", _Extension), ("metadata", POINTER(_Metadata)))
 
 
-class _Error(ctypes.Structure):
+class _Error(Structure):
+    _fields_ = (*_HEAD, ("message", ctypes.c_char_p), ("code", ctypes.c_int))
+
+
+class _Api(Structure):
+    """The functions that XLA offers, up to the one that is used."""
+
     _fields_ = (
-        ("struct_size", ctypes.c_size_t),
-        ("extension", ctypes.c_void_p),
-        ("message", ctypes.c_char_p),
-        ("code", ctypes.c_int),
-    )
-
-
-class _Api(ctypes.Structure):
-    _fields_ = (
-        ("struct_size", ctypes.c_size_t),
-        ("extension", ctypes.c_void_p),
+        *_HEAD,
         ("version", _Version),
         ("internal", ctypes.c_void_p),
-        ("create_error", ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.POINTER(_Error))),
+        ("create_error", CFUNCTYPE(ctypes.c_void_p, POINTER(_Error))),
     )
 
 
-class _Buffer(ctypes.Structure):
+class _Buffer(Structure):
     _fields_ = (
-        ("struct_size", ctypes.c_size_t),
-        ("extension", ctypes.c_void_p),
+        *_HEAD,
         ("dtype", ctypes.c_int),
         ("data", ctypes.c_void_p),
         ("rank", ctypes.c_int64),
-        ("dims", ctypes.POINTER(ctypes.c_int64)),
+        ("dims", POINTER(ctypes.c_int64)),
     )
 
 
-class _Buffers(ctypes.Structure):
+class _Buffers(Structure):
     _fields_ = (
-        ("struct_size", ctypes.c_size_t),
-        ("extension", ctypes.c_void_p),
+        *_HEAD,
         ("size", ctypes.c_int64),
         ("types", ctypes.c_void_p),
-        ("items", ctypes.POINTER(ctypes.POINTER(_Buffer))),
+        ("items", POINTER(POINTER(_Buffer))),
     )
 
 
-class _Frame(ctypes.Structure):
-    """A call, without the members behind the results."""
+class _Frame(Structure):
+    """A call, up to its results."""
 
     _fields_ = (
         ("struct_size", ctypes.c_size_t),
-        ("query", ctypes.POINTER(_Query)),
-        ("api", ctypes.POINTER(_Api)),
+        ("query", POINTER(_Query)),
+        ("api", POINTER(_Api)),
         ("context", ctypes.c_void_p),
         ("stage", ctypes.c_int),
         ("inputs", _Buffers),
@@ -115,7 +105,7 @@ class _Frame(ctypes.Structure):
     )
 
 
-_Handler = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.POINTER(_Frame))
+_Handler = CFUNCTYPE(ctypes.c_void_p, POINTER(_Frame))
 _QUERY_METADATA = 1
 _INTERNAL_ERROR = 13
 _DTYPES = {
@@ -156,15 +146,12 @@ def call(
             raise ValueError(f"host call {name}: got dtype {array.dtype}, allowed: {allowed}")
     if jax.default_backend() != "cpu" or not _speaks_our_version():
         return _call_back(function, results, *args)
+    if not _HANDLERS:
+        atexit.register(_wait_for_programs)
     if name not in _HANDLERS:
         _HANDLERS[name] = _handler(function)
         jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(_HANDLERS[name]), platform="cpu")
-    # The effect makes the process wait for the program before it ends: a handler that is called
-    # while the interpreter shuts down never returns.
-    compiled = jax.ffi.ffi_call(
-        name, tuple(results), vmap_method="broadcast_all", has_side_effect=True
-    )
-    return compiled(*args)
+    return jax.ffi.ffi_call(name, tuple(results), vmap_method="broadcast_all")(*args)
 
 
 def _call_back(function, results, *args):
@@ -190,11 +177,22 @@ def _speaks_our_version() -> bool:
     )
     if found != _VERSION:
         warnings.warn(
-            f"jaxlib has XLA FFI version {found}, physics on the host is written for {_VERSION}: "
+            f"jaxlib has XLA FFI version {found}, host calls are written for {_VERSION}: "
             "every start will compile anew; install the jaxlib that this package asks for",
             stacklevel=2,
         )
     return found == _VERSION
+
+
+def _wait_for_programs():
+    """Lets programs end before the interpreter does: a handler that it stops never returns."""
+    # From here on, a second Ctrl-C must end the process, not the waiting.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # Programs that one thread starts on one device run in turn, also those whose results are gone.
+    last = [jax.device_put(0.0, device) + 1.0 for device in jax.local_devices(backend="cpu")]
+    for array in (*last, *jax.live_arrays("cpu")):
+        with contextlib.suppress(RuntimeError):
+            array.block_until_ready()
 
 
 def _handler(function):
@@ -240,6 +238,6 @@ def _array(buffer):
 
 
 def _error(api):
-    message = traceback.format_exc().encode()
+    message = traceback.format_exc().encode(errors="replace")
     arguments = _Error(ctypes.sizeof(_Error), None, message, _INTERNAL_ERROR)
     return api.create_error(ctypes.byref(arguments))

@@ -1,0 +1,107 @@
+"""Wall time of a whole run by part, as one JSON line.
+
+Each part is compiled alone and timed on the states of the run itself, after warm-up; the whole
+run is the sum over its chunks and evaluations. `rest` is what a chunk takes beyond its physics
+and updates: acting, storing, keys.
+"""
+
+import json
+import time
+
+import jax
+import jax.numpy as jnp
+
+from crsfd_jax import artefacts, cli, compile_cache, device, trainer
+from crsfd_jax.config import Config
+from crsfd_jax.demos import commands
+
+ROUNDS = 5
+
+
+def timed(function, *arguments) -> float:
+    """Seconds of the fastest of a few calls; the first one is not counted."""
+    jax.block_until_ready(function(*arguments))
+    rounds = []
+    for _ in range(ROUNDS):
+        began = time.perf_counter()
+        jax.block_until_ready(function(*arguments))
+        rounds.append(time.perf_counter() - began)
+    return min(rounds)
+
+
+def measure(config: Config) -> dict:
+    """Seconds of each part of a run with this configuration."""
+    program = trainer.build(config, commands.load(config.demos))
+    began = time.perf_counter()
+    states = jax.block_until_ready(program.start())
+    prepared = time.perf_counter() - began
+    began = time.perf_counter()
+    advance = program.advance.lower(states, jnp.int32(0)).compile()
+    evaluate = program.evaluate.lower(states.agent.actor, jnp.int32(0)).compile()
+    compiled = time.perf_counter() - began
+    warm = -(-config.sac.warmup_steps // config.envs // trainer.CHUNK_STEPS) + 1
+    for i in range(warm):
+        states, _ = advance(states, jnp.int32(i * trainer.CHUNK_STEPS))
+    began = time.perf_counter()
+    for i in range(warm, warm + ROUNDS):
+        states, _ = advance(states, jnp.int32(i * trainer.CHUNK_STEPS))
+    jax.block_until_ready(states.key)
+    chunk = (time.perf_counter() - began) / ROUNDS
+
+    def physics(envs, keys):
+        def body(envs, keys):
+            action = jax.vmap(lambda k: jax.random.uniform(k, (config.envs, 6), minval=-1.0))(keys)
+            return jax.vmap(program.env.step)(envs, action, keys)[0], None
+
+        return jax.lax.scan(body, envs, keys)[0]
+
+    def updates(states, keys):
+        def body(states, keys):
+            step = jnp.int32(warm * trainer.CHUNK_STEPS)
+            learn = jax.vmap(program.learner.learn, in_axes=(0, None, 0))
+            return learn(states, step, keys)[0], None
+
+        return jax.lax.scan(body, states, keys)[0].agent
+
+    keys = jax.random.split(jax.random.key(0), (trainer.CHUNK_STEPS, config.seeds))
+    physics_s = timed(jax.jit(physics), states.env, keys)
+    updates_s = timed(jax.jit(updates), states, keys)
+    evaluation_s = timed(evaluate, states.agent.actor, jnp.int32(0))
+    total = trainer.total_steps(config)
+    chunks, evaluations = (
+        total // trainer.CHUNK_STEPS,
+        -(-total // trainer.evaluation_period(config)),
+    )
+    parts = {
+        "prepare_s": prepared,
+        "compile_s": compiled,
+        "physics_s": chunks * physics_s,
+        "updates_s": chunks * updates_s,
+        "rest_s": chunks * (chunk - physics_s - updates_s),
+        "evaluation_s": evaluations * evaluation_s,
+    }
+    return {name: round(value, 2) for name, value in parts.items()} | {
+        "total_s": round(sum(parts.values()), 1),
+        "env_steps_per_second": round(trainer.CHUNK_STEPS * config.envs * config.seeds / chunk),
+    }
+
+
+def run(argv: list[str]) -> int:
+    """Measures the run that a training command line describes."""
+    compile_cache.enable()
+    config = trainer.fitted(cli.parse(Config, argv))
+    line = {
+        "bench": "train",
+        "algorithm": config.algorithm,
+        "seeds": config.seeds,
+        "steps": config.steps,
+        "device": device.describe(config),
+        **measure(config),
+        "versions": artefacts.versions(),
+    }
+    print(json.dumps(line))
+    return 0
+
+
+if __name__ == "__main__":
+    cli.main(run)

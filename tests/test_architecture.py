@@ -1,0 +1,139 @@
+"""Imports run one way, files and functions stay short, and a bad command line needs no jax."""
+
+import ast
+import functools
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = "crsfd_jax"
+ORDER = tuple(
+    """
+    errors units types files limits config validation cli
+    interrupt compile_cache progress leaves npz metrics policy artefacts checkpoints
+    scene.digits scene.build scene.kinematics
+    physics.interface physics.host_call physics.native physics.mjx physics.select
+    scene.randomize env task device
+    demos.provenance demos.dataset demos.replay
+    learn algorithms free_space train_step chunk evaluation
+    demos.expert demos.record demos.commands
+    report trainer
+    view evaluate train demos.__main__
+    """.split()  # noqa: SIM905
+)
+"""Bottom first: modules, or packages as a whole. A module may import what stands before it."""
+
+
+def name_of(path: Path) -> str:
+    parts = path.relative_to(ROOT / PACKAGE).with_suffix("").parts
+    return ".".join(parts).removesuffix("__init__").removesuffix(".")
+
+
+MODULES = {name_of(path): path for path in sorted((ROOT / PACKAGE).rglob("*.py"))}
+SOURCES = [
+    path
+    for folder in (PACKAGE, "bench", "experiments")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+]
+
+
+@functools.cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+def imports(nodes) -> set[str]:
+    """Full names of what import statements name."""
+    names = set()
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "relative import"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def known(name: str) -> str | None:
+    """The module of this package that a full name lies in."""
+    if not name.startswith(f"{PACKAGE}."):
+        return None
+    inner = name.removeprefix(f"{PACKAGE}.")
+    while inner and inner not in MODULES:
+        inner = inner.rpartition(".")[0]
+    return inner or None
+
+
+def needed(module: str, at_start: bool = False) -> set[str]:
+    """Modules of this package that a module imports, anywhere or when it is imported itself."""
+    nodes = tree(MODULES[module]).body if at_start else ast.walk(tree(MODULES[module]))
+    return {name for name in map(known, imports(nodes)) if name} - {module}
+
+
+def place(module: str) -> int | None:
+    """Index in ORDER of the module or of a package around it."""
+    while module:
+        if module in ORDER:
+            return ORDER.index(module)
+        module = module.rpartition(".")[0]
+    return None
+
+
+def is_empty(module: str) -> bool:
+    return not tree(MODULES[module]).body
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if m and not is_empty(m)])
+def test_a_module_imports_only_what_stands_before_it(module):
+    own = place(module)
+    assert own is not None, f"give {module} a place in ORDER"
+    later = {name for name in needed(module) if not is_empty(name) and (place(name) or 0) > own}
+    assert not later, f"{module} imports {sorted(later)}, which stand after it"
+
+
+def test_every_place_in_the_order_is_taken():
+    packages = {name.rpartition(".")[0] for name in MODULES}
+    assert not set(ORDER) - set(MODULES) - packages
+    assert len(set(ORDER)) == len(ORDER)
+
+
+def test_no_module_needs_itself():
+    def search(module, above):
+        assert module not in above, f"cycle: {' -> '.join((*above, module))}"
+        for name in needed(module):
+            search(name, (*above, module))
+
+    for module in MODULES:
+        search(module, ())
+
+
+def closure(module: str, at_start: bool = False) -> set[str]:
+    """A module and all of this package that it brings with it."""
+    found, todo = set(), {module}
+    while todo:
+        found |= (now := todo)
+        todo = {name for m in now for name in needed(m, at_start)} - found
+    return found
+
+
+@pytest.mark.parametrize("module", ["", "cli", "config", "train", "evaluate", "view"])
+def test_a_command_line_is_read_without_jax_and_mujoco(module):
+    heavy = {"jax", "mujoco", "flax", "optax", "orbax"}
+    for name in closure(module, at_start=True) | {""}:
+        outside = {full.partition(".")[0] for full in imports(tree(MODULES[name]).body)}
+        assert not outside & heavy, f"{name} imports {sorted(outside & heavy)}"
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if m.startswith("learn.")])
+def test_learning_knows_nothing_of_the_simulator(module):
+    simulator = {"scene", "physics", "env", "task"}
+    assert not {name.partition(".")[0] for name in closure(module)} & simulator
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_and_functions_stay_short(path):
+    assert len(path.read_text().splitlines()) <= 250
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            assert node.end_lineno - node.lineno < 60, f"{node.name} is longer than 60 lines"

@@ -1,0 +1,112 @@
+"""Whole runs from the command line: what they leave, and that a stop loses nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crsfd_jax import artefacts, metrics
+from crsfd_jax.config import Config, to_dict
+from crsfd_jax.trainer import CHUNK_STEPS, evaluation_period, fitted, total_steps
+
+OPTIONS = ("--smoke", "--shape", "3", "--shift", "4mm")
+
+
+def command(module, *arguments):
+    return [sys.executable, "-m", f"crsfd_jax.{module}", *map(str, arguments)]
+
+
+def finished(module, *arguments):
+    done = subprocess.run(
+        command(module, *arguments), capture_output=True, text=True, timeout=500, check=False
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """A run that was never stopped."""
+    folder = tmp_path_factory.mktemp("runs") / "whole"
+    code, out, err = finished("train", *OPTIONS, "--out", folder)
+    assert code == 0, err
+    assert "final success" in out.splitlines()[-1] and "95 % interval" in out.splitlines()[-1]
+    return folder
+
+
+def test_a_run_leaves_what_a_person_needs(whole):
+    names = {entry.name for entry in whole.iterdir()}
+    assert {"config.json", "metrics.csv", "curves.png", "policy.npz", "checkpoints"} <= names
+    config = artefacts.read_config(whole)
+    assert (config.shape, config.shift, config.smoke) == ("3", 0.004, True)
+    table = metrics.read(whole / "metrics.csv")
+    assert table["env_steps"].tolist() == [2048, 2048, 4096, 4096]
+    assert table["seed"].tolist() == [0, 1, 0, 1]
+    assert (table["env/nonfinite"] == 0).all()
+    assert (table["eval/success_rate"] >= 0).all() and (table["eval/success_rate"] <= 1).all()
+
+
+def test_a_stopped_run_continues_to_the_same_end(whole, tmp_path):
+    folder = tmp_path / "stopped"
+    arguments = command("train", *OPTIONS, "--out", folder)
+    process = subprocess.Popen(
+        arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("compiled"):
+            os.kill(process.pid, signal.SIGTERM)
+    assert process.wait(timeout=200) == 75
+    code, out, err = finished("train", *OPTIONS, "--out", folder)
+    assert code == 0, err
+    assert "resumed at" in out
+    one, other = (metrics.read(path / "metrics.csv") for path in (whole, folder))
+    for name in one.keys() - set(metrics.WALL_CLOCK_COLUMNS):
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+    with np.load(whole / "policy.npz") as a, np.load(folder / "policy.npz") as b:
+        for name in a.files:
+            np.testing.assert_array_equal(a[name], b[name], err_msg=name)
+
+
+def test_a_finished_run_says_so_again(whole):
+    code, out, _ = finished("train", *OPTIONS, "--out", whole)
+    assert code == 0
+    assert "resumed at 4096 of 4096" in out and "compiling" not in out
+
+
+def test_other_options_do_not_touch_a_run(whole):
+    before = (whole / "metrics.csv").read_bytes()
+    code, _, err = finished("train", *OPTIONS, "--seed", "7", "--out", whole)
+    assert code == 2
+    assert len(err.strip().splitlines()) == 1 and "seed 0 -> 7" in err
+    assert (whole / "metrics.csv").read_bytes() == before
+
+
+def test_a_policy_is_evaluated_on_another_task(whole):
+    arguments = (whole, "--shape", "1", "--shift", "2mm", "--episodes", "7")
+    code, out, err = finished("evaluate", *arguments)
+    assert code == 0, err
+    lines = out.splitlines()
+    assert lines[0].startswith("shape 1, shift 2 mm")
+    assert len(lines) == 4 and "of 14)" in lines[-1]
+
+
+def test_sizes_of_a_run_are_whole_chunks():
+    config = Config(steps=60_000, envs=64)
+    assert total_steps(config) % CHUNK_STEPS == 0
+    assert 0 <= total_steps(config) * config.envs - config.steps < CHUNK_STEPS * config.envs
+    assert evaluation_period(config) * config.envs == config.evaluation.every
+    assert fitted(config).replay.capacity == total_steps(config) * config.envs
+    assert fitted(Config(steps=10**6)).replay.capacity == Config().replay.capacity
+
+
+def test_config_survives_json(tmp_path):
+    import json
+
+    from crsfd_jax.config import from_dict
+
+    config = Config(shape="4", shift=0.006)
+    assert from_dict(json.loads(json.dumps(to_dict(config)))) == config
