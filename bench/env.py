@@ -6,12 +6,15 @@ turn with it, MuJoCo's own batch steps the same model from the same states under
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib.util
+import itertools
 import json
 import os
 import platform
 import statistics
+import sys
 import time
 from collections.abc import Callable
 from importlib import metadata
@@ -144,7 +147,10 @@ def measure(name: str, size: int, options: Options) -> dict:
 
 def main(options: Options) -> None:
     """Prints the results of every engine and batch size."""
-    results = [measure(n, size, options) for n in options.engines for size in options.batch_sizes]
+    pairs = itertools.product(options.engines, options.batch_sizes)
+    # MJX prints a line when it finds no Warp.
+    with contextlib.redirect_stdout(sys.stderr):
+        results = [measure(name, size, options) for name, size in pairs]
     line = {
         "benchmark": "env",
         "results": results,

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from crsfd_jax import artefacts, cli, compile_cache, device, trainer
 from crsfd_jax.config import Config
-from crsfd_jax.demos import commands
+from crsfd_jax.demos import builtin
 
 ROUNDS = 5
 
@@ -31,7 +31,7 @@ def timed(function, *arguments) -> float:
 
 def measure(config: Config) -> dict:
     """Seconds of each part of a run with this configuration."""
-    program = trainer.build(config, commands.load(config.demos))
+    program = trainer.build(config, builtin.load(config.demos))
     began = time.perf_counter()
     states = jax.block_until_ready(program.start())
     prepared = time.perf_counter() - began

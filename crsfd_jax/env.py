@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from crsfd_jax import config
+from crsfd_jax.observation import CLIP, SCALE
 from crsfd_jax.physics.interface import Engine, PhysicsState, Surroundings
 from crsfd_jax.scene import randomize
 from crsfd_jax.scene.build import Scene
 from crsfd_jax.scene.digits import HOLE_DEPTH
 from crsfd_jax.scene.kinematics import Chain, chain, inverse_kinematics, rotation_vector, tip_pose
 
-ACTION_SIZE = 6
 SUCCESS_DEPTH = HOLE_DEPTH - 0.0015
 """m below the mouth at which the peg counts as fully inserted."""
 SUCCESS_OFFSET = 0.003
@@ -28,23 +28,6 @@ SUCCESS_OFFSET = 0.003
 SETPOINT_LOW = (-0.04, -0.04, -HOLE_DEPTH - 0.01, -0.15, -0.15, -0.15)
 SETPOINT_HIGH = (0.04, 0.04, 0.08, 0.15, 0.15, 0.15)
 """m and rad, the box that setpoints are clipped to."""
-
-OBSERVATION = (
-    ("joint_position", 7, "rad, relative to the start pose", 0.1),
-    ("joint_velocity", 7, "rad/s", 0.5),
-    ("tip_position", 3, "m, relative to the nominal socket", 0.03),
-    ("tip_rotation", 3, "rad, rotation vector relative to the nominal socket", 0.1),
-    ("tip_velocity", 3, "m/s", 0.1),
-    ("tip_angular_velocity", 3, "rad/s", 0.5),
-    ("setpoint_error", 3, "m, last setpoint minus tip position", 0.01),
-)
-"""Name, size, unit and scale of each part: an observation holds value / scale, clipped to +-10."""
-OBS_SIZE = sum(size for _, size, _, _ in OBSERVATION)
-_SCALE = np.concatenate([np.full(size, scale, np.float32) for _, size, _, scale in OBSERVATION])
-_CLIP = 10.0
-TIP_POSE = slice(14, 20)
-"""Where an observation holds the tip's position and rotation."""
-POSE_SCALE = _SCALE[TIP_POSE]
 
 
 @flax.struct.dataclass(kw_only=True)
@@ -172,7 +155,7 @@ def observe(
     tip = jnp.concatenate([position, rotation_vector(rotation)], axis=-1)
     twist = jnp.einsum("...ij,...j->...i", jacobian, physics.qvel)
     raw = jnp.concatenate([physics.qpos - rest, physics.qvel, tip, twist, error], axis=-1)
-    return tip, jnp.clip(raw / _SCALE, -_CLIP, _CLIP)
+    return tip, jnp.clip(raw / SCALE, -CLIP, CLIP)
 
 
 def _where(mask, yes, no):

@@ -2,6 +2,7 @@
 
 from crsfd_jax import cli
 from crsfd_jax.config import Config, smoke_sized
+from crsfd_jax.demos import builtin
 
 
 def run(argv: list[str]) -> int:
@@ -9,10 +10,12 @@ def run(argv: list[str]) -> int:
     config = cli.parse(Config, argv)
     if config.smoke:
         config = smoke_sized(config)
+    demos = builtin.load(config.demos)
+    # jax takes seconds to import: what is wrong with the input is said before.
     from crsfd_jax import compile_cache, trainer
 
     compile_cache.enable()
-    return trainer.train(config)
+    return trainer.train(config, demos)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,9 @@ import jax.numpy as jnp
 
 from crsfd_jax.algorithms.method import Method, Preparation
 from crsfd_jax.config import Config
-from crsfd_jax.env import ACTION_SIZE, OBS_SIZE, Env, EnvState, Outcome
+from crsfd_jax.env import Env, EnvState, Outcome
 from crsfd_jax.learn import networks, replay, sac
+from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.types import Transition
 
 

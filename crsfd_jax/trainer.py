@@ -25,7 +25,6 @@ from crsfd_jax import (
 )
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, run_name
-from crsfd_jax.demos import commands
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
@@ -78,14 +77,13 @@ class Progress:
     """Newest success rate of each seed."""
 
 
-def train(config: Config) -> int:
+def train(config: Config, demos: Demonstrations) -> int:
     """Runs or continues a run to its end, or until a signal stops it; returns the exit code.
 
     Raises:
-      UserError: the run cannot start: demonstrations, run folder or engine.
+      UserError: the run cannot start: run folder or engine.
     """
     config = fitted(config)
-    demos = commands.load(config.demos)
     words = device.describe(config)
     with artefacts.open_run(config.out, config, words, sys.argv) as folder:
         program = build(config, demos)

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, Evaluation, Replay, Sac
 from crsfd_jax.demos.record import no_demonstrations
-from crsfd_jax.env import ACTION_SIZE, OBS_SIZE, Env, EnvState, Outcome
+from crsfd_jax.env import Env, EnvState, Outcome
+from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.physics.interface import PhysicsState, Surroundings
 from crsfd_jax.types import Transition
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from crsfd_jax import config, env, task
+from crsfd_jax import config, env, observation, task
 from crsfd_jax.demos.expert import dense_reward
 from crsfd_jax.scene import digits
 
@@ -80,7 +80,7 @@ def test_an_observation_holds_what_its_table_says_in_its_scale(scene, world, fre
     action = jax.random.uniform(KEY, (COUNT, 6), minval=-1, maxval=1)
     state, _ = world.step(fresh, action, KEY)
     obs = np.asarray(state.obs)
-    assert obs.shape == (COUNT, 29) and env.OBS_SIZE == 29
+    assert obs.shape == (COUNT, 29) and observation.OBS_SIZE == 29
     rest = np.asarray(env.rest_posture(links))
     target = env.setpoint(OPTIONS.mdp, fresh.tip, action)
     for i in range(COUNT):
@@ -95,7 +95,7 @@ def test_an_observation_holds_what_its_table_says_in_its_scale(scene, world, fre
 
 
 def test_the_pose_in_an_observation_is_where_its_slice_says(world, fresh):
-    pose = fresh.obs[:, env.TIP_POSE] * env.POSE_SCALE
+    pose = fresh.obs[:, observation.TIP_POSE] * observation.POSE_SCALE
     np.testing.assert_allclose(pose, fresh.tip, atol=1e-6)
 
 
@@ -148,7 +148,7 @@ def test_an_ended_episode_gives_its_last_observation_and_starts_afresh(world, ne
     after, outcome = world.step(nearly_in, DOWN, KEY)
     assert outcome.terminated.all()
     assert (outcome.next_obs[:, 16] * 0.03 < -env.SUCCESS_DEPTH).all()
-    pose = outcome.next_obs[:, env.TIP_POSE] * env.POSE_SCALE
+    pose = outcome.next_obs[:, observation.TIP_POSE] * observation.POSE_SCALE
     np.testing.assert_allclose(outcome.tip, pose, atol=1e-6)
     assert equal(after, world.reset(KEY, COUNT))
     assert (after.obs[:, 16] > 0.009 / 0.03).all()

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crsfd_jax import env, free_space
+from crsfd_jax import env, free_space, observation
 from crsfd_jax.scene import kinematics
 
 COUNT = 2000
@@ -65,4 +65,4 @@ def test_samples_follow_their_key_and_the_pool_its_seed(sample, obs, far_obs):
     np.testing.assert_array_equal(sample(jax.random.key(0), COUNT), obs)
     assert not np.array_equal(sample(jax.random.key(1), COUNT), obs)
     assert not np.allclose(far_obs[:, 14:17] / 3, obs[:, 14:17], atol=0.1)
-    assert np.isfinite(obs).all() and obs.shape == (COUNT, env.OBS_SIZE)
+    assert np.isfinite(obs).all() and obs.shape == (COUNT, observation.OBS_SIZE)

@@ -163,7 +163,9 @@ def add(x, _):
 
 x = jnp.zeros((300, 300))
 run = jax.jit(lambda x: jax.lax.scan(add, x, None, length=20)[0].mean())
-compiled = run.lower(x).compile()
+lowered = run.lower(x)
+hits.clear()
+compiled = lowered.compile()
 print(len(hits), compiled(x))
 # Large enough to run on another thread, and left running: the process must not hang at its end.
 compiled(x)

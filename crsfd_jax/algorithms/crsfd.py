@@ -8,10 +8,10 @@ import jax
 
 from crsfd_jax.algorithms.method import Method, Preparation
 from crsfd_jax.config import Config
-from crsfd_jax.env import TIP_POSE
 from crsfd_jax.learn import potential
 from crsfd_jax.learn.replay import Batch
 from crsfd_jax.learn.shaping import shape_reward
+from crsfd_jax.observation import TIP_POSE
 
 
 def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potential.Potential:

@@ -1,4 +1,4 @@
-"""What the demonstration commands do, and where the shipped file lies."""
+"""What the demonstration commands do."""
 
 import datetime
 import importlib.metadata
@@ -8,25 +8,14 @@ import jax
 import numpy as np
 
 from crsfd_jax import config
-from crsfd_jax.demos import dataset, record, replay
+from crsfd_jax.demos import builtin, dataset, record, replay
 from crsfd_jax.demos.provenance import Provenance
-from crsfd_jax.env import ACTION_SIZE, OBS_SIZE, OBSERVATION
 from crsfd_jax.errors import UserError
+from crsfd_jax.observation import OBSERVATION
 from crsfd_jax.physics.interface import CONTROL_DT
 
-BUILTIN = Path(__file__).parent / "shape0.npz"
-"""40 episodes of shape 0, made by `python -m crsfd_jax.demos record` with its defaults."""
 _PACKAGES = ("crsfd-jax", "jax", "mujoco", "numpy")
 _TRIALS = 200
-
-
-def load(name: str) -> dataset.Demonstrations:
-    """Reads a demonstration file by its path, or the shipped one by the name builtin.
-
-    Raises:
-      UserError: the file cannot be used.
-    """
-    return dataset.load(BUILTIN if name == "builtin" else name, OBS_SIZE, ACTION_SIZE)
 
 
 def record_file(options: config.Record, command: str) -> int:
@@ -67,13 +56,13 @@ def record_file(options: config.Record, command: str) -> int:
 
 def show(name: str) -> int:
     """Prints what a file holds."""
-    print(dataset.describe(load(name)))
+    print(dataset.describe(builtin.load(name)))
     return 0
 
 
 def check(name: str) -> int:
     """Replays a file; 1 if an episode that the file calls successful does not insert."""
-    played = replay.replay(load(name))
+    played = replay.replay(builtin.load(name))
     total, lost = len(played.success), int((played.recorded_success & ~played.success).sum())
     print(f"recorded  {played.recorded_success.sum()} of {total} episodes successful")
     print(f"replayed  {played.success.sum()} of {total} episodes successful")

@@ -10,8 +10,9 @@ import numpy as np
 from crsfd_jax import algorithms, chunk, config, evaluation, task, train_step
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.demos.expert import dense_reward
-from crsfd_jax.env import ACTION_SIZE, OBS_SIZE, Env, sparse_reward
+from crsfd_jax.env import Env, sparse_reward
 from crsfd_jax.learn.networks import Actor, Networks, Params
+from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.types import Transition
 
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from crsfd_jax import config, task
 from crsfd_jax.demos.dataset import Demonstrations, episode_success
-from crsfd_jax.env import POSE_SCALE, TIP_POSE, Env, EnvState
+from crsfd_jax.env import Env, EnvState
 from crsfd_jax.errors import UserError
+from crsfd_jax.observation import POSE_SCALE, TIP_POSE
 
 
 class Replayed(NamedTuple):

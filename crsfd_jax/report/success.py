@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from crsfd_jax import artefacts, evaluation, policy, task
-from crsfd_jax.env import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.learn import networks
+from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.report.intervals import wilson_interval
 
 
