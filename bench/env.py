@@ -31,11 +31,11 @@ from crsfd_jax.physics import select
 from crsfd_jax.physics.interface import CONTROL_DT, Engine, PhysicsState, Surroundings
 from crsfd_jax.scene import build, kinematics
 
-PRESS = (0.01, 0.0, -0.035, 0.0, 0.0, 0.0)
+PRESS = (0.005, 0.0, -0.04, 0.0, 0.0, 0.0)
 """m and rad, a setpoint that presses the peg on the floor of the hole and against a wall."""
-DEPTH = -0.028
+DEPTH = -0.0295
 """m, where the peg starts."""
-SETTLING = 10
+SETTLING = 20
 """Control steps until the peg rests on the floor and the wall."""
 PACKAGES = ("jax", "mujoco", "mujoco-mjx", "numpy")
 

@@ -124,8 +124,8 @@ class Potential:
     """Adam step size."""
     hidden: Widths = (64, 64)
     """Widths of the hidden layers."""
-    terminal: Literal["zero", "keep"] = "zero"
-    """Potential of the success state: zero (Ng et al. 1999) or kept as fitted."""
+    terminal: Literal["zero", "keep"] = "keep"
+    """Potential of the success state: kept as fitted, or zero (Ng et al. 1999)."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from crsfd_jax import algorithms, chunk, config, evaluation, task, train_step
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.demos.expert import dense_reward
 from crsfd_jax.env import Env, sparse_reward
-from crsfd_jax.learn.networks import Actor, Networks, Params
+from crsfd_jax.learn.networks import Actor, Networks, Params, apply
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.types import Transition
 
@@ -103,7 +103,7 @@ def _roll(env: Env, actor: Actor, params: Params, start, noise: float, key: jax.
     def body(carry, key):
         state, running = carry
         noise_key, step_key = jax.random.split(key)
-        mean, log_std = actor.apply(params, state.obs)
+        mean, log_std = apply(actor, params, state.obs)
         spread = noise * jnp.exp(log_std) * jax.random.normal(noise_key, mean.shape)
         action = jnp.tanh(mean + spread)
         after, outcome = env.step(state, action, step_key)
