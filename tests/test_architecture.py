@@ -14,8 +14,8 @@ ORDER = tuple(
     interrupt compile_cache progress leaves npz metrics policy artefacts checkpoints
     scene.digits scene.build scene.kinematics
     physics.interface physics.host_call physics.native physics.mjx physics.select
-    scene.randomize env task device
-    demos.provenance demos.dataset demos.replay
+    observation scene.randomize env task device
+    demos.provenance demos.dataset demos.builtin demos.replay
     learn algorithms free_space train_step chunk evaluation
     demos.expert demos.record demos.commands
     report trainer

@@ -1,9 +1,14 @@
 """MJX: MuJoCo's physics as JAX operations, for accelerators, and as a reference on a CPU."""
 
+import contextlib
+import io
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from mujoco import mjx
+
+with contextlib.redirect_stdout(io.StringIO()):  # It prints that the optional warp is missing.
+    from mujoco import mjx
 
 from crsfd_jax.physics.interface import CONTROL_DT, Engine, PhysicsState, Surroundings
 from crsfd_jax.scene.build import Scene
