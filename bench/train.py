@@ -11,7 +11,8 @@ import time
 import jax
 import jax.numpy as jnp
 
-from crsfd_jax import artefacts, cli, compile_cache, device, trainer
+from crsfd_jax import artefacts, cli, compile_cache, device
+from crsfd_jax import program as program_of
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
 
@@ -31,7 +32,7 @@ def timed(function, *arguments) -> float:
 
 def measure(config: Config) -> dict:
     """Seconds of each part of a run with this configuration."""
-    program = trainer.build(config, builtin.load(config.demos))
+    program = program_of.build(config, builtin.load(config.demos))
     began = time.perf_counter()
     states = jax.block_until_ready(program.start())
     prepared = time.perf_counter() - began
@@ -39,12 +40,12 @@ def measure(config: Config) -> dict:
     advance = program.advance.lower(states, jnp.int32(0)).compile()
     evaluate = program.evaluate.lower(states.agent.actor, jnp.int32(0)).compile()
     compiled = time.perf_counter() - began
-    warm = -(-config.sac.warmup_steps // config.envs // trainer.CHUNK_STEPS) + 1
+    warm = -(-config.sac.warmup_steps // config.envs // program_of.CHUNK_STEPS) + 1
     for i in range(warm):
-        states, _ = advance(states, jnp.int32(i * trainer.CHUNK_STEPS))
+        states, _ = advance(states, jnp.int32(i * program_of.CHUNK_STEPS))
     began = time.perf_counter()
     for i in range(warm, warm + ROUNDS):
-        states, _ = advance(states, jnp.int32(i * trainer.CHUNK_STEPS))
+        states, _ = advance(states, jnp.int32(i * program_of.CHUNK_STEPS))
     jax.block_until_ready(states.key)
     chunk = (time.perf_counter() - began) / ROUNDS
 
@@ -57,20 +58,20 @@ def measure(config: Config) -> dict:
 
     def updates(states, keys):
         def body(states, keys):
-            step = jnp.int32(warm * trainer.CHUNK_STEPS)
+            step = jnp.int32(warm * program_of.CHUNK_STEPS)
             learn = jax.vmap(program.learner.learn, in_axes=(0, None, 0))
             return learn(states, step, keys)[0], None
 
         return jax.lax.scan(body, states, keys)[0].agent
 
-    keys = jax.random.split(jax.random.key(0), (trainer.CHUNK_STEPS, config.seeds))
+    keys = jax.random.split(jax.random.key(0), (program_of.CHUNK_STEPS, config.seeds))
     physics_s = timed(jax.jit(physics), states.env, keys)
     updates_s = timed(jax.jit(updates), states, keys)
     evaluation_s = timed(evaluate, states.agent.actor, jnp.int32(0))
-    total = trainer.total_steps(config)
+    total = program_of.total_steps(config)
     chunks, evaluations = (
-        total // trainer.CHUNK_STEPS,
-        -(-total // trainer.evaluation_period(config)),
+        total // program_of.CHUNK_STEPS,
+        -(-total // program_of.evaluation_period(config)),
     )
     parts = {
         "prepare_s": prepared,
@@ -82,14 +83,14 @@ def measure(config: Config) -> dict:
     }
     return {name: round(value, 2) for name, value in parts.items()} | {
         "total_s": round(sum(parts.values()), 1),
-        "env_steps_per_second": round(trainer.CHUNK_STEPS * config.envs * config.seeds / chunk),
+        "env_steps_per_second": round(program_of.CHUNK_STEPS * config.envs * config.seeds / chunk),
     }
 
 
 def run(argv: list[str]) -> int:
     """Measures the run that a training command line describes."""
     compile_cache.enable()
-    config = trainer.fitted(cli.parse(Config, argv))
+    config = program_of.fitted(cli.parse(Config, argv))
     line = {
         "bench": "train",
         "algorithm": config.algorithm,

@@ -18,7 +18,7 @@ ORDER = tuple(
     demos.provenance demos.dataset demos.builtin demos.replay
     learn algorithms free_space train_step chunk evaluation
     demos.expert demos.record demos.commands
-    report trainer
+    report program trainer
     view evaluate train demos.__main__
     """.split()  # noqa: SIM905
 )

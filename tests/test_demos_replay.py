@@ -9,7 +9,6 @@ import pytest
 from crsfd_jax.demos import dataset, replay
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
-from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 
 KEPT = 6
 

@@ -11,7 +11,7 @@ import pytest
 
 from crsfd_jax import artefacts, metrics
 from crsfd_jax.config import Config, to_dict
-from crsfd_jax.trainer import CHUNK_STEPS, evaluation_period, fitted, total_steps
+from crsfd_jax.program import CHUNK_STEPS, evaluation_period, fitted, total_steps
 
 OPTIONS = ("--smoke", "--shape", "3", "--shift", "4mm")
 
