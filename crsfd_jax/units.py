@@ -16,8 +16,7 @@ def parse_length(text: str) -> float:
     match = _LENGTH.match(text)
     if match is None or not math.isfinite(float(match[1])):
         raise ValueError(
-            f"got {text!r}, allowed: a non-negative number with the unit mm, cm or m, "
-            'such as "8mm"'
+            f'got {text!r}, allowed: a non-negative number with the unit mm, cm or m, such as "8mm"'
         )
     return float(match[1]) * _METRES_PER[match[2]]
 

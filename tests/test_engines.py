@@ -213,6 +213,14 @@ def test_a_broken_simulation_gives_nan_and_leaves_the_others_bit_equal(engine, m
     assert np.isnan(hurt.qpos[7]).any()
 
 
+@pytest.fixture
+def elsewhere(tmp_path, monkeypatch):
+    """An empty working folder, where MuJoCo would write its log of warnings."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.usefixtures("elsewhere")
 def test_an_engine_recovers_from_a_broken_simulation(native_engine, mixed):
     state, surroundings, action = mixed
     target = jnp.asarray(action, jnp.float32) * 0.01
@@ -222,6 +230,16 @@ def test_an_engine_recovers_from_a_broken_simulation(native_engine, mixed):
         after = native_engine.step(state, surroundings, target)
         for a, b in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
             np.testing.assert_array_equal(a, b)
+
+
+def test_mujoco_never_sees_a_state_that_is_already_broken(native_engine, mixed, elsewhere):
+    """It would warn about it in a file in the working folder."""
+    some = np.arange(11)  # A batch of its own: each simulation warns only once.
+    state, surroundings = only(mixed[0], some), only(mixed[1], some)
+    broken = state.replace(qpos=state.qpos.at[2, 0].set(jnp.nan))
+    after = native_engine.step(broken, surroundings, jnp.zeros((11, 6)))
+    assert jnp.isnan(after.qpos[2]).all()
+    assert not list(elsewhere.iterdir())
 
 
 def test_a_non_finite_setpoint_gives_nan_in_its_own_environment(native_engine, mixed):

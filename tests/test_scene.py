@@ -123,6 +123,27 @@ def test_only_the_controller_holds_the_arm(scene, at_rest):
     np.testing.assert_allclose(data.qfrc_gravcomp, data.qfrc_bias, atol=1e-9)
 
 
+def test_the_controller_is_an_impedance_clipped_at_the_pull_of_a_full_action(scene, at_rest):
+    model, mdp = scene.model, config.Mdp()
+    stiffness, damping = model.actuator_gainprm[:, 0], -model.actuator_biasprm[:, 2]
+    limit = stiffness * np.repeat([mdp.translation_scale, mdp.rotation_scale], 3)
+    np.testing.assert_allclose(limit, [10, 10, 10, 1, 1, 1])
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        pose = rng.uniform(-0.02, 0.02, 6)
+        pose[2] += 0.04
+        data = posed(model, np.asarray(at_rest(pose[None, :3], pose[None, 3:]).qpos[0]))
+        data.qvel[:] = rng.normal(size=7) * 0.02
+        data.ctrl[:] = pose + rng.uniform(-0.03, 0.03, 6)
+        mujoco.mj_forward(model, data)
+        jacobian = np.zeros((6, 7))
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], scene.tip_site)
+        force = stiffness * (data.ctrl - pose) - damping * (jacobian @ data.qvel)
+        expected = np.clip(force, -limit, limit)
+        np.testing.assert_allclose(data.actuator_force, expected, atol=0.02)
+        np.testing.assert_allclose(data.qfrc_actuator, jacobian.T @ data.actuator_force, atol=0.02)
+
+
 @pytest.mark.parametrize("shape", config.SHAPES)
 def test_a_row_of_the_tables_is_the_model_compiled_for_that_shape_alone(scene, shape):
     alone = build.build(config.Scene(), (shape,))

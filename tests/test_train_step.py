@@ -28,9 +28,7 @@ def test_seed_in_a_batch_equals_the_seed_alone():
         _, states = learner_and_states(config)
         one = jax.tree.map(lambda leaf, i=seed: leaf[i : i + 1], states)
         alone, _ = chunk.make(learner, 24)(one, jnp.int32(0))
-        for a, b in zip(
-            jax.tree.leaves(together.agent), jax.tree.leaves(alone.agent), strict=True
-        ):
+        for a, b in zip(jax.tree.leaves(together.agent), jax.tree.leaves(alone.agent), strict=True):
             np.testing.assert_allclose(a[seed], b[0], rtol=2e-4, atol=2e-5)
 
 

@@ -21,9 +21,7 @@ def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potenti
     def sample_features(key: jax.Array, count: int) -> jax.Array:
         return preparation.free_space(key, count)[..., TIP_POSE]
 
-    fitted, _ = potential.fit(
-        key, obs[..., TIP_POSE], targets, sample_features, config.potential
-    )
+    fitted, _ = potential.fit(key, obs[..., TIP_POSE], targets, sample_features, config.potential)
     return fitted
 
 
