@@ -15,7 +15,7 @@ from crsfd_jax.learn.shaping import shape_reward
 from crsfd_jax.types import Transition
 
 LENGTH = 10
-QUICK = config.Potential(gamma=0.8, steps=800, batch_size=128, hidden=(32, 32))
+QUICK = config.Potential(gamma=0.8, steps=800, batch_size=128, hidden=(32, 32), terminal="zero")
 
 
 def chain_demos(episodes=4, successes=4) -> Transition:
