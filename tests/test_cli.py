@@ -46,7 +46,7 @@ BAD = {
     "--shift nanmm": "--shift: got 'nanmm'",
     "--shift=": "--shift: got ''",
     "--scene.clearance 0mm": "--scene.clearance: got 0mm, allowed: above 0mm and at most 20mm",
-    "--scene.clearance 9mm --scene.footprint 40mm": "--scene.clearance: got 9mm, allowed: below a fifth",
+    "--scene.clearance 9mm": "--scene.clearance: got 9mm, allowed: below a fifth",
     "--seeds 0": "--seeds: got 0, allowed: at least 1 and at most 10000",
     "--seeds -1": "--seeds: got -1",
     "--seeds 1.5": "--seeds: got '1.5', allowed: a whole number",
