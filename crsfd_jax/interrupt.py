@@ -1,5 +1,6 @@
 """Stopping in order: the first signal asks, the second one ends the process at once."""
 
+import os
 import signal
 from types import FrameType
 
@@ -23,4 +24,5 @@ class Interrupt:
 
     def _ask(self, number: int, _: FrameType | None) -> None:
         self.requested = True
+        os.write(2, b"stopping after this step and saving; once more to stop at once\n")
         signal.signal(number, signal.SIG_DFL)

@@ -57,7 +57,10 @@ def train(config: Config, demos: Demonstrations) -> int:
     """
     config = fitted(config)
     words = device.describe(config)
-    with artefacts.open_run(config.out, config, words, sys.argv) as folder:
+    with (
+        artefacts.open_run(config.out, config, words, sys.argv) as folder,
+        Interrupt() as interrupt,
+    ):
         program = build(config, demos)
         size = stored_bytes(jax.eval_shape(program.start))
         artefacts.refuse_full_disk(folder, size)
@@ -65,16 +68,18 @@ def train(config: Config, demos: Demonstrations) -> int:
         _say(f"task      shape {config.shape}, shift {config.shift * 1e3:g} mm, {config.algorithm}")
         _say(f"buffer    {config.replay.capacity} transitions a seed, {size / 1e6:.0f} MB in all")
         _say(f"folder    {folder.path}")
-        return _run(config, program, folder)
+        return _run(config, program, folder, interrupt)
 
 
-def _run(config: Config, program: Program, folder: artefacts.RunFolder) -> int:
+def _run(
+    config: Config, program: Program, folder: artefacts.RunFolder, interrupt: Interrupt
+) -> int:
     states, at = _start_or_resume(config, program, folder)
     if at.step < total_steps(config):
         program = _compiled(program, states)
     total, period = total_steps(config), evaluation_period(config)
     began, saved_at, save_s = time.monotonic() - at.wall_s, time.monotonic(), 0.0
-    with Interrupt() as interrupt, progress(config.steps, at.step * config.envs) as show:
+    with progress(config.steps, at.step * config.envs) as show:
         while at.step < total and not interrupt.requested:
             states, values = program.advance(states, jnp.int32(at.step))
             at.step += CHUNK_STEPS
