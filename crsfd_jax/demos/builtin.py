@@ -6,7 +6,7 @@ from crsfd_jax.demos import dataset
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 
 PATH = Path(__file__).parent / "shape0.npz"
-"""40 episodes of shape 0, made by `python -m crsfd_jax.demos record` with its defaults."""
+"""40 episodes of shape 0, made by `python -m crsfd_jax.demos record`; see docs/method.md."""
 
 
 def load(name: str) -> dataset.Demonstrations:
