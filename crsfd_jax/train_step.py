@@ -70,7 +70,7 @@ def make(env: Env, method: Method, config: Config) -> Learner:
         act_key, env_key, learn_key, key = jax.random.split(state.key, 4)
         action = _act(nets, state, step < warmup, act_key)
         next_env, outcome = env.step(state.env, action, env_key)
-        transition = _transition(state.env, action, outcome)
+        transition = transition_of(state.env, action, outcome)
         buffer = replay.add(state.replay, transition, outcome.finite, step)
         state = state.replace(env=next_env, replay=buffer, key=key)
 
@@ -95,7 +95,8 @@ def _act(nets, state, warming_up, key):
     return jnp.where(warming_up, uniform, action)
 
 
-def _transition(before: EnvState, action: jax.Array, outcome: Outcome) -> Transition:
+def transition_of(before: EnvState, action: jax.Array, outcome: Outcome) -> Transition:
+    """What a step is stored as: the observation before it, and its outcome before any reset."""
     return Transition(
         obs=before.obs,
         action=action,

@@ -107,14 +107,7 @@ def _roll(env: Env, actor: Actor, params: Params, start, noise: float, key: jax.
         spread = noise * jnp.exp(log_std) * jax.random.normal(noise_key, mean.shape)
         action = jnp.tanh(mean + spread)
         after, outcome = env.step(state, action, step_key)
-        step = Transition(
-            obs=state.obs,
-            action=action,
-            reward=outcome.reward,
-            next_obs=outcome.next_obs,
-            terminated=outcome.terminated,
-            truncated=outcome.truncated,
-        )
+        step = train_step.transition_of(state, action, outcome)
         over = outcome.terminated | outcome.truncated | ~outcome.finite
         return (after, running & ~over), (step, running)
 
