@@ -3,7 +3,7 @@
 MJX computes in float32 and stops the same solver after the same few iterations elsewhere, and it
 keeps at most `max_contact_points` contacts. Without contact that leaves micrometres after six
 control steps. In contact most environments agree as closely, but a peg that jams or just slips can
-come out 0.3 mm apart, so limits are set for the median as well as for the largest difference.
+come out 0.5 mm apart, half the clearance, so the median has a limit as well as the largest one.
 """
 
 import importlib.util
@@ -121,8 +121,8 @@ def test_mjx_moves_a_free_arm_as_native_does(native_roll, mjx_roll, steps):
 def test_mjx_agrees_with_native_in_contact(native_roll, mjx_roll, situation, steps):
     rows = np.isin(SITUATION, situation)
     moved, turned = apart(native_roll.tips[steps - 1, rows], mjx_roll.tips[steps - 1, rows])
-    assert np.median(moved) < 2e-5 and np.median(turned) < 2e-4
-    assert moved.max() < 0.5e-3 and turned.max() < 5e-3
+    assert np.median(moved) < 5e-5 and np.median(turned) < 5e-4
+    assert moved.max() < 0.75e-3 and turned.max() < 7e-3
 
 
 def only(tree, rows):
@@ -271,6 +271,6 @@ def test_warp_agrees_with_native(scene, roll, native_roll, mixed):
     warp = mjx.make(scene, impl="warp")
     rolled = roll(warp._replace(step=jax.jit(warp.step)), *mixed)
     moved, turned = apart(native_roll.tips[-1], rolled.tips[-1])
-    assert np.median(moved) < 2e-5 and np.median(turned) < 2e-4
+    assert np.median(moved) < 5e-5 and np.median(turned) < 5e-4
     assert moved[SITUATION == FREE].max() < 5e-6
-    assert moved.max() < 0.5e-3 and turned.max() < 5e-3
+    assert moved.max() < 0.75e-3 and turned.max() < 7e-3

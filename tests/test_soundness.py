@@ -146,14 +146,10 @@ def test_pushing_in_any_direction_stays_within_the_limits_of_penetration(scene, 
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_pushing_and_turning_on_six_axes_at_once_stays_within_them_almost_always(
-    scene, at_rest, shape
-):
-    """A corner of a turning peg may land faster than 0.06 m/s, which 5 ms turn into 0.3 mm."""
+def test_pushing_and_turning_on_six_axes_at_once_stays_within_them(scene, at_rest, shape):
     actions = np.random.default_rng(shape).choice([-1.0, 1.0], (20, 6))
     done = pushes(scene, at_rest, shape, actions, seed=10 + shape)
-    impact = np.array([p.impact for p in done])
-    assert np.mean(impact > 0.3e-3) < 0.02 and impact.max() < 0.4e-3
+    assert max(p.impact for p in done) < 0.3e-3
     assert max(p.steady for p in done) < 0.1e-3
     assert not any(p.warnings for p in done)
 
