@@ -182,7 +182,7 @@ class Record:
     """Digit of the demonstrated task."""
     episodes: Annotated[int, Interval(1, 10_000)] = 40
     """Episodes to record; all are kept, whether they succeed or not."""
-    noise: Annotated[float, Interval(0, 100)] = 2.0
+    noise: Annotated[float, Interval(0, 100)] = 1.5
     """Factor on the standard deviation of the expert's policy, which makes it sub-optimal."""
     seed: Annotated[int, Interval(0, 2_000_000_000)] = 0
     """Seed of the expert's training and of its noise."""
