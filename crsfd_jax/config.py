@@ -10,6 +10,7 @@ import dataclasses
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
@@ -19,7 +20,14 @@ from crsfd_jax.limits import Interval, OneOf, ShownAs
 from crsfd_jax.units import format_length, parse_length
 
 SHAPES = ("0", "1", "2", "3", "4")
-ALGORITHMS = ("crsfd", "sacfd", "sac")
+ALGORITHMS = tuple(
+    sorted(
+        path.stem
+        for path in (Path(__file__).parent / "algorithms").glob("*.py")
+        if path.stem not in ("__init__", "method")
+    )
+)
+"""A method is a file of its own name."""
 
 _LENGTH_SPEC = tyro.constructors.PrimitiveConstructorSpec(
     nargs=1,

@@ -26,7 +26,7 @@ class TrainState:
 
     agent: sac.AgentState
     prepared: Any
-    """What the method learned from the demonstrations, frozen."""
+    """What the method learned from the demonstrations."""
     replay: replay.ReplayState
     env: EnvState
     key: jax.Array
@@ -68,11 +68,13 @@ def make(env: Env, method: Method, config: Config) -> Learner:
 
     def step(state: TrainState, step: jax.Array) -> tuple[TrainState, dict[str, jax.Array]]:
         act_key, env_key, learn_key, key = jax.random.split(state.key, 4)
-        action = _act(nets, state, step < warmup, act_key)
-        next_env, outcome = env.step(state.env, action, env_key)
-        transition = transition_of(state.env, action, outcome)
-        buffer = replay.add(state.replay, transition, outcome.finite, step)
-        state = state.replace(env=next_env, replay=buffer, key=key)
+        state, tally = state.replace(key=key), {}
+        if method.interacts:
+            action = _act(nets, state, step < warmup, act_key)
+            next_env, outcome = env.step(state.env, action, env_key)
+            transition = transition_of(state.env, action, outcome)
+            buffer = replay.add(state.replay, transition, outcome.finite, step)
+            state, tally = state.replace(env=next_env, replay=buffer), _tally(outcome)
 
         idle = jax.tree.map(jnp.zeros_like, jax.eval_shape(learn, state, step, learn_key)[1])
         state, losses = jax.lax.cond(
@@ -81,7 +83,7 @@ def make(env: Env, method: Method, config: Config) -> Learner:
             learn,
             *(state, step, learn_key),
         )
-        return state, {**losses, **_tally(outcome)}
+        return state, {**losses, **tally}
 
     learn = functools.partial(_learn, nets, method, config)
     return Learner(init=init, step=step, learn=learn, nets=nets)
@@ -111,21 +113,25 @@ def _learn(nets, method, config, state, step, key):
     """All gradient updates of a vector step, and the new priorities."""
     draw_key, update_key = jax.random.split(key)
     shape = (config.sac.updates_per_step, config.sac.batch_size)
-    draw = replay.draw(state.replay, step, draw_key, shape, config.replay)
-    rewards = state.replay.storage.reward[draw.rows]
+    draw = method.draw(state.replay, step, draw_key, shape, config.replay)
+    adapt_key = jax.random.fold_in(key, 1)
+    prepared = method.adapt(state.prepared, state.replay, draw, adapt_key, config)
+    rewards = method.relabel(prepared, state.replay, draw, config)
     batches = replay.gather(state.replay, draw, rewards, config.sac.gamma)
-    batches = method.reward(state.prepared, batches, config)
+    batches = method.reward(prepared, batches, config)
+    nets = method.networks(prepared, nets)
 
     def update(agent, each):
         batch, key = each
-        agent, td_error, metrics = sac.update(nets, agent, batch, key, config)
+        agent, td_error, metrics = method.update(nets, agent, batch, key, config)
         return agent, (td_error, metrics)
 
     keys = jax.random.split(update_key, config.sac.updates_per_step)
     agent, (td_error, metrics) = jax.lax.scan(update, state.agent, (batches, keys))
     buffer = replay.reprioritise(state.replay, draw, td_error, config.replay)
     metrics = {**metrics, "demo_share": jnp.mean(batches.is_demo, dtype=jnp.float32)}
-    return state.replace(agent=agent, replay=buffer), jax.tree.map(jnp.mean, metrics)
+    state = state.replace(agent=agent, prepared=prepared, replay=buffer)
+    return state, jax.tree.map(jnp.mean, metrics)
 
 
 def _tally(outcome: Outcome) -> dict[str, jax.Array]:

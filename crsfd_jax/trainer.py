@@ -142,8 +142,8 @@ def _evaluate(config, program, states, at: Progress, folder) -> None:
     rows = []
     for i in range(config.seeds):
         sums = {name: values[i] for name, values in at.sums.items()}
-        episodes, successes = sums.pop("episodes"), sums.pop("successes")
-        nonfinite = sums.pop("nonfinite")
+        episodes, successes = sums.pop("episodes", 0.0), sums.pop("successes", 0.0)
+        nonfinite = sums.pop("nonfinite", 0.0)
         rows.append(
             {
                 "env_steps": env_steps,

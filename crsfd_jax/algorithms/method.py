@@ -6,7 +6,9 @@ from typing import Any, NamedTuple
 import jax
 
 from crsfd_jax.config import Config
-from crsfd_jax.learn.replay import Batch
+from crsfd_jax.learn import replay, sac
+from crsfd_jax.learn.networks import Networks
+from crsfd_jax.learn.replay import Batch, Draw, ReplayState
 from crsfd_jax.types import Transition
 
 FreeSpace = Callable[[jax.Array, int], jax.Array]
@@ -21,26 +23,53 @@ class Preparation(NamedTuple):
     free_space: FreeSpace
 
 
+def _as_given(config: Config) -> Config:
+    return config
+
+
 def _nothing(key: jax.Array, preparation: Preparation, config: Config) -> Any:
     return ()
+
+
+def _frozen(prepared: Any, buffer: ReplayState, draw: Draw, key: jax.Array, config: Config) -> Any:
+    return prepared
+
+
+def _as_stored(prepared: Any, buffer: ReplayState, draw: Draw, config: Config) -> jax.Array:
+    return buffer.storage.reward[draw.rows]
 
 
 def _as_drawn(prepared: Any, batch: Batch, config: Config) -> Batch:
     return batch
 
 
-def _as_given(config: Config) -> Config:
-    return config
+def _common(prepared: Any, nets: Networks) -> Networks:
+    return nets
 
 
 class Method(NamedTuple):
-    """A method as differences from SAC with demonstrations (SACfD)."""
+    """A method as differences from SAC with demonstrations (SACfD).
+
+    The hooks are named in the order in which a training step calls them.
+    """
 
     uses_demos: bool = True
     """Whether demonstrations are pinned in the replay buffer."""
+    interacts: bool = True
+    """Whether the policy acts in the environment while it learns."""
     configure: Callable[[Config], Config] = _as_given
     """Options that the method fixes."""
     prepare: Callable[[jax.Array, Preparation, Config], Any] = _nothing
     """(key, preparation, config) -> what the method keeps during training, per seed."""
+    draw: Callable[..., Draw] = replay.draw
+    """(buffer, step, key, (U, B), config.replay) -> which rows to learn from."""
+    adapt: Callable[[Any, ReplayState, Draw, jax.Array, Config], Any] = _frozen
+    """(prepared, buffer, draw, key, config) -> prepared after learning on from the rows drawn."""
+    relabel: Callable[[Any, ReplayState, Draw, Config], jax.Array] = _as_stored
+    """(prepared, buffer, draw, config) -> rewards [U, B, n] of the rows drawn."""
     reward: Callable[[Any, Batch, Config], Batch] = _as_drawn
-    """(prepared, batch [U, B], config) -> the batch with the method's rewards."""
+    """(prepared, batch [U, B], config) -> the batch with the method's shaping."""
+    networks: Callable[[Any, Networks], Networks] = _common
+    """(prepared, networks) -> the networks that learn."""
+    update: Callable[..., tuple[sac.AgentState, jax.Array, dict[str, jax.Array]]] = sac.update
+    """(networks, agent, batch [B], key, config) -> agent, td_error [B], metrics."""
