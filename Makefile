@@ -4,7 +4,7 @@ PYTHON ?= python3
 ARGS ?= --shape 2
 BIN := .venv/bin
 
-.PHONY: setup train test slow bench
+.PHONY: setup train test slow faults bench
 
 setup: .venv/ready
 
@@ -24,6 +24,9 @@ test: setup
 
 slow: setup
 	$(BIN)/python -m pytest -m slow
+
+faults: setup
+	$(BIN)/python -m pytest -m faults
 
 bench: setup
 	$(BIN)/python bench/env.py

@@ -9,6 +9,7 @@ curves.png      success against environment steps
 
 import contextlib
 import datetime
+import errno
 import fcntl
 import json
 import logging
@@ -22,8 +23,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from crsfd_jax.config import Config, from_dict, to_dict
-from crsfd_jax.errors import UserError
-from crsfd_jax.files import sync, write_atomically
+from crsfd_jax.errors import STOPPED, USAGE, UserError
+from crsfd_jax.files import remove_leftovers, sync, write_atomically
 
 PACKAGES = (
     "jax",
@@ -38,7 +39,11 @@ PACKAGES = (
 COPIES = 3
 """Checkpoints that exist at once: two kept and one being written."""
 
-_LOCK, _CONFIG = ".lock", "config.json"
+LOCK, _CONFIG = ".lock", "config.json"
+MAY_CHANGE = ("out", "engine", "target", "log")
+"""Options that a continued run may give anew; --steps may grow."""
+_STORAGE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+"""What is wrong with a disk; such errors of an open file name no file."""
 _log = logging.getLogger(__name__)
 
 
@@ -62,23 +67,26 @@ def open_run(
 
     Raises:
       UserError: another process runs in it, it holds something else or a run with other
-        options, or it cannot be written.
+        options, or it cannot be written, also later in the block.
     """
     path = Path(path).absolute()
     run = RunFolder(path, path / "metrics.csv", path / "checkpoints", path / "curves.png")
+    what_to_do, code = "choose another --out", USAGE
     try:
         _refuse_foreign(path)
         path.mkdir(parents=True, exist_ok=True)
         with _locked(path):
+            remove_leftovers(path)
             _write_or_compare(path / _CONFIG, _manifest(config, device, command))
             run.checkpoints.mkdir(exist_ok=True)
             sync(path)
+            what_to_do, code = "put it right and run the same command again", STOPPED
             yield run
     except OSError as error:
-        if error.filename is None or not Path(error.filename).is_relative_to(path):
+        if not _is_about(path, error):
             raise
         raise UserError(
-            f"{path}: cannot be written: {error.strerror}; choose another --out"
+            f"{path}: cannot be written: {error.strerror}; {what_to_do}", code
         ) from error
 
 
@@ -110,11 +118,17 @@ def refuse_full_disk(run: RunFolder, checkpoint_bytes: int) -> None:
         )
 
 
+def _is_about(path: Path, error: OSError) -> bool:
+    if error.filename is None:
+        return error.errno in _STORAGE
+    return Path(os.fsdecode(error.filename)).is_relative_to(path)
+
+
 def _refuse_foreign(path: Path) -> None:
     if path.exists() and not path.is_dir():
         raise UserError(f"{path}: is a file; choose another --out")
     found = {entry.name for entry in path.iterdir()} if path.exists() else set()
-    if found and not found & {_LOCK, _CONFIG}:
+    if found and not found & {LOCK, _CONFIG}:
         raise UserError(
             f"{path}: holds other files ({min(found)}), expected a new folder or a run; "
             "choose another --out"
@@ -124,7 +138,7 @@ def _refuse_foreign(path: Path) -> None:
 @contextlib.contextmanager
 def _locked(path: Path) -> Iterator[None]:
     # The kernel frees the lock when its owner dies in any way, so a stale file is harmless.
-    with (path / _LOCK).open("a+", encoding="utf-8") as lock:
+    with (path / LOCK).open("a+", encoding="utf-8") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -166,7 +180,7 @@ def _write_or_compare(path: Path, manifest: dict[str, Any]) -> None:
         for name in ("versions", "device"):
             if old[name] != manifest[name]:
                 _log.warning(
-                    "%s: started with other %s, the last digits may differ: %s, now %s",
+                    "%s: started with other %s, so not bit-equal from here on: %s, now %s",
                     *(path.parent, name, old[name], manifest[name]),
                 )
         manifest = old | {"config": manifest["config"]}
@@ -179,23 +193,24 @@ def _read_manifest(path: Path) -> dict[str, Any]:
         manifest = json.loads(path.read_bytes())
     except ValueError as error:
         raise UserError(f"{path}: is damaged ({error}); choose another --out") from error
-    if not isinstance(manifest, dict) or not {"config", "versions", "device"} <= manifest.keys():
+    parts = ("config", "versions", "device")
+    if not isinstance(manifest, dict) or not all(manifest.get(part) for part in parts):
         raise UserError(f"{path}: is not the description of a run; choose another --out")
     return manifest
 
 
 def _refuse_other_run(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
-    before, after = dict(_flatten(old)), dict(_flatten(new))
+    before, after = dict(_flatten(_as_json(to_dict(from_dict(old))))), dict(_flatten(new))
     changed = [
-        f"{name} {before.get(name)} -> {after.get(name)}"
-        for name in sorted(before.keys() | after.keys())
-        if before.get(name) != after.get(name) and name != "out"
+        f"{name} {before[name]} -> {after[name]}"
+        for name in after
+        if before[name] != after[name] and name not in MAY_CHANGE
         if name != "steps" or after[name] < before[name]
     ]
     if changed:
         raise UserError(
             f"{path.parent}: holds a run with other options: {', '.join(changed)}; use its "
-            "options (only --steps may grow) or another --out"
+            "options (--steps may grow, --engine and --target may change) or another --out"
         )
 
 

@@ -12,6 +12,7 @@ import logging
 import math
 import re
 import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ import jax
 import numpy as np
 from orbax.checkpoint import v1 as ocp
 
-from crsfd_jax.errors import UserError
+from crsfd_jax.errors import STOPPED, UserError
 from crsfd_jax.files import sync, sync_tree
 from crsfd_jax.leaves import (
     digest,
@@ -44,6 +45,14 @@ class Checkpoint(NamedTuple):
     step: int
     state: Any
     extra: dict[str, Any]
+
+
+class _Leaf(NamedTuple):
+    """What a checkpoint says about a leaf."""
+
+    type: str
+    implementation: str | None
+    sha256: str
 
 
 class _Damaged(Exception):
@@ -81,7 +90,8 @@ def save(folder: Path, step: int, state: Any, extra: dict[str, Any]) -> None:
     except (OSError, ValueError) as error:
         with contextlib.suppress(OSError):
             _remove_leftovers(folder)
-        raise UserError(_storage_message(folder, step, stored_bytes(state), error)) from error
+        message = _storage_message(folder, step, stored_bytes(state), error)
+        raise UserError(message, STOPPED) from error
     for old in _steps(folder)[KEEP:]:
         _discard(folder / str(old))
 
@@ -126,9 +136,9 @@ def _write(path: Path, stored: dict[str, np.ndarray], body: str) -> None:
 
 
 def _read(path: Path, step: int, like: Any) -> Checkpoint:
-    body = _read_body(path)
+    described, extra = _read_body(path)
     expected = named_leaves(like)
-    _refuse_other_structure(path, body["leaves"], expected)
+    _refuse_other_structure(path, described, expected)
     stored = {
         _slot(i): np.empty(*stored_type(leaf))
         for i, leaf in enumerate(expected.values())
@@ -139,22 +149,29 @@ def _read(path: Path, step: int, like: Any) -> Checkpoint:
     leaves = []
     for i, (name, leaf) in enumerate(expected.items()):
         array = arrays.get(_slot(i), np.empty(*stored_type(leaf)))
-        described = body["leaves"][name]
-        if digest(array) != described["sha256"]:
+        if digest(array) != described[name].sha256:
             raise _Damaged(f"digest of {name}")
-        leaves.append(from_numpy(array, leaf, described["implementation"]))
+        with _damage_reported():
+            leaves.append(from_numpy(array, leaf, described[name].implementation))
     state = jax.tree.unflatten(jax.tree.structure(like), leaves)
-    return Checkpoint(step, state, body["extra"])
+    return Checkpoint(step, state, extra)
 
 
-def _read_body(path: Path) -> dict[str, Any]:
+def _read_body(path: Path) -> tuple[dict[str, _Leaf], dict[str, Any]]:
     with _damage_reported():
         description: Any = ocp.checkpointables_metadata(str(path)).custom_metadata
         body = description["body"]
         is_intact = _text_digest(body) == description["sha256"]
+        found = json.loads(body) if is_intact else {}
+        # A digest can be forged: nothing in here is taken for what it should be.
+        leaves = {
+            name: _Leaf(str(leaf["type"]), leaf["implementation"], str(leaf["sha256"]))
+            for name, leaf in found.get("leaves", {}).items()
+        }
+        extra = dict(found.get("extra", {}))
     if not is_intact:
         raise _Damaged("digest of the description")
-    return json.loads(body)
+    return leaves, extra
 
 
 @contextlib.contextmanager
@@ -171,19 +188,22 @@ def _damage_reported() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _orbax_silenced() -> Iterator[None]:
-    # Before it raises, orbax logs tracebacks and whole files; the error says enough.
-    log = logging.getLogger("absl")
+    # Before it raises, orbax logs tracebacks and whole files; the error says enough. After it has
+    # raised, writes still under way complain that nobody waits for them, as long as they last.
+    log, hook = logging.getLogger("absl"), sys.unraisablehook
     level = log.level
     log.setLevel(logging.CRITICAL + 1)
+    sys.unraisablehook = lambda _: None
     try:
         yield
+        sys.unraisablehook = hook
     finally:
         log.setLevel(level)
 
 
-def _refuse_other_structure(path: Path, found: dict[str, Any], expected: dict[str, Any]) -> None:
+def _refuse_other_structure(path: Path, found: dict[str, _Leaf], expected: dict[str, Any]) -> None:
     for name in sorted(found.keys() | expected.keys()):
-        before = found.get(name, {}).get("type")
+        before = found[name].type if name in found else None
         now = type_name(expected[name]) if name in expected else None
         if before != now:
             raise UserError(

@@ -4,16 +4,22 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+from jax.sharding import Mesh
 
+from crsfd_jax import spread
 from crsfd_jax.train_step import Learner, TrainState
 
 Metrics = dict[str, jax.Array]
-Chunk = Callable[[TrainState, jax.Array], tuple[TrainState, Metrics]]
+Chunk = Callable[[TrainState, jax.typing.ArrayLike], tuple[TrainState, Metrics]]
 """(states [S], step) -> states after the chunk, metrics [S]; the states given are consumed."""
 
 
-def make(learner: Learner, length: int) -> Chunk:
-    """A chunk of `length` vector steps; counts are added up, other metrics averaged."""
+def make(learner: Learner, length: int, mesh: Mesh | None = None) -> Chunk:
+    """A chunk of `length` vector steps; counts are added up, other metrics averaged.
+
+    Args:
+      mesh: the devices that share the seeds; None for one.
+    """
 
     def run(states: TrainState, step: jax.Array) -> tuple[TrainState, Metrics]:
         def body(states, step):
@@ -22,7 +28,7 @@ def make(learner: Learner, length: int) -> Chunk:
         states, metrics = jax.lax.scan(body, states, step + jnp.arange(length))
         return states, {name: _summarise(values) for name, values in metrics.items()}
 
-    return jax.jit(run, donate_argnums=0)
+    return jax.jit(spread.split(run, mesh, spread.WHOLE), donate_argnums=0)
 
 
 def _summarise(values: jax.Array) -> jax.Array:

@@ -14,15 +14,20 @@ from typing import Any, TypeVar
 import tyro
 
 from crsfd_jax.config import Config
-from crsfd_jax.errors import UserError
+from crsfd_jax.errors import STOPPED, UserError
 from crsfd_jax.limits import check_limits, choice_message
 from crsfd_jax.validation import validate
 
 ConfigT = TypeVar("ConfigT")
 
 
-def parse(config_type: type[ConfigT], argv: Sequence[str]) -> ConfigT:
+def parse(
+    config_type: type[ConfigT], argv: Sequence[str], default: ConfigT | None = None
+) -> ConfigT:
     """Reads and checks a command line; --help prints the options and exits with 0.
+
+    Args:
+      default: holds the values of options that are not given; those of the type if left out.
 
     Raises:
       UserError: the line cannot be used; the message says which option and why.
@@ -30,7 +35,8 @@ def parse(config_type: type[ConfigT], argv: Sequence[str]) -> ConfigT:
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            config = tyro.cli(config_type, args=list(argv), prog=_program_name())
+            start = tyro.MISSING_NONPROP if default is None else default
+            config = tyro.cli(config_type, args=list(argv), prog=_program_name(), default=start)
     except SystemExit as stop:
         if stop.code in (None, 0):
             raise
@@ -54,6 +60,9 @@ def main(function: Callable[[list[str]], int | None]) -> None:
     except UserError as error:
         print("error:", " ".join(str(error).split()), file=sys.stderr)
         code = error.exit_code
+    except KeyboardInterrupt:
+        print("stopped; the same command starts again", file=sys.stderr)
+        code = STOPPED
     sys.exit(code or 0)
 
 
@@ -97,6 +106,13 @@ def _not_a_number(kind: str) -> Callable[[re.Match[str], Any], str]:
     return lambda match, _: f"{match[1]}: got {match[2]}, allowed: {kind}; correct the value"
 
 
+def _no_type(match: re.Match[str], advice: list[str]) -> str:
+    """An option that may be left out says what is wrong further down, one line for each type."""
+    end = next((i for i, line in enumerate(advice) if i and not line.strip("─")), len(advice))
+    reason = re.search(r"(got .*, allowed: .*)", " ".join(advice[:end]))
+    return f"{match[1]}: {reason[1] if reason else 'cannot be read'}; correct the value"
+
+
 _REWRITES: tuple[tuple[str, Callable[[re.Match[str], list[str]], str]], ...] = (
     (r"Missing value for argument '(.+?)'", _missing_value),
     (r"Unrecognized options: (.*)", _unknown_option),
@@ -107,6 +123,7 @@ _REWRITES: tuple[tuple[str, Callable[[re.Match[str], list[str]], str]], ...] = (
      _not_a_number("a number")),
     (r"Error parsing (\S+): Could not find valid parse for arguments: (.*)",
      _not_a_number("the values in --help")),
+    (r"Error parsing (\S+): no type matching", _no_type),
     (r"Error parsing (\S+): (got .*, allowed: .*)",
      lambda match, _: f"{match[1]}: {match[2]}; correct the value"),
 )  # fmt: skip

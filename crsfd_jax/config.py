@@ -13,13 +13,23 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import tyro
-
+from crsfd_jax import shapes
 from crsfd_jax.errors import UserError
-from crsfd_jax.limits import Interval, OneOf, ShownAs
-from crsfd_jax.units import format_length, parse_length
+from crsfd_jax.limits import Interval, OneOf
+from crsfd_jax.option_types import (
+    Count,
+    Discount,
+    Fraction,
+    Length,
+    PositiveRate,
+    Shape,
+    Weight,
+    Widths,
+)
+from crsfd_jax.randomisation import Randomisation
+from crsfd_jax.units import format_length
 
-SHAPES = ("0", "1", "2", "3", "4")
+SHAPES = tuple(shapes.GRIDS)
 ALGORITHMS = tuple(
     sorted(
         path.stem
@@ -28,22 +38,6 @@ ALGORITHMS = tuple(
     )
 )
 """A method is a file of its own name."""
-
-_LENGTH_SPEC = tyro.constructors.PrimitiveConstructorSpec(
-    nargs=1,
-    metavar="LENGTH",
-    instance_from_str=lambda args: parse_length(args[0]),
-    is_instance=lambda value: isinstance(value, float),
-    str_from_instance=lambda value: [format_length(value)],
-)
-Length = Annotated[float, _LENGTH_SPEC, ShownAs(format_length)]
-"""A float in metres that the command line reads with its unit, such as 8mm."""
-Count = Annotated[int, Interval(1, 1_000_000_000)]
-Weight = Annotated[float, Interval(0, 1000)]
-PositiveRate = Annotated[float, Interval(0, 1, open="low")]
-Fraction = Annotated[float, Interval(0, 1)]
-Discount = Annotated[float, Interval(0, 1, open="both")]
-Widths = Annotated[tuple[int, ...], Interval(1, 8192)]
 
 
 @dataclass(frozen=True)
@@ -76,6 +70,8 @@ class Sac:
 
     hidden: Widths = (128, 128)
     """Widths of the hidden layers of actor and critics."""
+    critics: Annotated[int, Interval(1, 100)] = 2
+    """Critics in the ensemble; targets and actor take the smallest of their values."""
     learning_rate: PositiveRate = 5e-4
     """Adam step size of actor, critics and temperature."""
     gamma: Discount = 0.98
@@ -150,8 +146,9 @@ class Evaluation:
 class Config:
     """Learns to insert a peg from demonstrations of another insertion task."""
 
-    shape: Annotated[str, OneOf(SHAPES)] = "2"
-    """Digit of the peg and its socket: 0, 1, 2, 3 or 4."""
+    shape: Shape = "2"
+    """Peg and socket: 0, 1, 2, 3, 4, a text file with a grid of # and ., all, or several such as
+    0,2: each episode then draws its own."""
     shift: Annotated[Length, Interval(0, 0.02)] = 0.0
     """Side of the square in which the socket's unknown offset is drawn, such as 8mm."""
     algorithm: Annotated[str, OneOf(ALGORITHMS)] = "crsfd"
@@ -162,49 +159,29 @@ class Config:
     """First seed; the others follow it."""
     steps: Count = 60_000
     """Environment steps of each seed."""
+    target: Fraction = 0.0
+    """Final success rate below which the run ends with exit code 1."""
     engine: Literal["auto", "native", "mjx", "warp"] = "auto"
     """Physics engine; auto is mjx on an accelerator and native on a CPU."""
     envs: Annotated[int, Interval(1, 65_536)] = 64
     """Environments of each seed."""
     demos: str = "builtin"
     """Demonstration file, or builtin for the 40 shipped episodes of shape 0."""
+    demo_episodes: Annotated[int, Interval(0, 10_000)] = 0
+    """Episodes used, the first of the file; all if 0."""
     out: str = ""
     """Run folder; empty for a name made of the options, under runs/."""
+    log: Literal["none", "tensorboard", "wandb"] = "none"
+    """Also give metrics.csv to TensorBoard or Weights & Biases, inside the run folder."""
     smoke: bool = False
     """Shrink everything to a quick check that the whole path works."""
     scene: Scene = field(default_factory=Scene)
+    randomisation: Randomisation = field(default_factory=Randomisation)
     mdp: Mdp = field(default_factory=Mdp)
     sac: Sac = field(default_factory=Sac)
     replay: Replay = field(default_factory=Replay)
     potential: Potential = field(default_factory=Potential)
     evaluation: Evaluation = field(default_factory=Evaluation)
-
-
-@dataclass(frozen=True)
-class Record:
-    """Trains an expert with a dense reward and records demonstrations of it."""
-
-    out: str = "demos.npz"
-    """File to write; an existing one is not overwritten."""
-    shape: Annotated[str, OneOf(SHAPES)] = "0"
-    """Digit of the demonstrated task."""
-    episodes: Annotated[int, Interval(1, 10_000)] = 40
-    """Episodes to record; all are kept, whether they succeed or not."""
-    noise: Annotated[float, Interval(0, 100)] = 1.5
-    """Factor on the standard deviation of the expert's policy, which makes it sub-optimal."""
-    seed: Annotated[int, Interval(0, 2_000_000_000)] = 0
-    """Seed of the expert's training and of its noise."""
-    steps: Count = 204_800
-    """Environment steps after which training stops, successful or not."""
-    enough: Annotated[float, Interval(0, 1)] = 0.98
-    """Success rate of the deterministic policy at which training stops."""
-    engine: Literal["auto", "native", "mjx", "warp"] = "auto"
-    """Physics engine; auto is mjx on an accelerator and native on a CPU."""
-    envs: Annotated[int, Interval(1, 65_536)] = 64
-    """Environments."""
-    scene: Scene = field(default_factory=Scene)
-    mdp: Mdp = field(default_factory=Mdp)
-    sac: Sac = field(default_factory=Sac)
 
 
 def to_dict(config: Config) -> dict:
@@ -215,17 +192,21 @@ def to_dict(config: Config) -> dict:
 def from_dict(values: Mapping[str, Any]) -> Config:
     """The inverse of `to_dict`; lists from JSON become tuples.
 
+    An option that is missing, because it is younger than the file, has its default.
+
     Raises:
-      UserError: an option is missing or unknown.
+      UserError: an option is unknown.
     """
     return _rebuild(Config, values)
 
 
-def _rebuild(kind: Any, values: Mapping[str, Any]) -> Any:
+def _rebuild(kind: Any, values: Any) -> Any:
     hints = typing.get_type_hints(kind)
-    if hints.keys() != values.keys():
-        odd = ", ".join(sorted(hints.keys() ^ values.keys()))
-        raise UserError(f"config.json: options {odd} are missing or unknown to this version")
+    if not isinstance(values, Mapping):
+        raise UserError(f"config.json: got {values!r}, expected the options of {kind.__name__}")
+    if values.keys() - hints.keys():
+        odd = ", ".join(sorted(values.keys() - hints.keys()))
+        raise UserError(f"config.json: options {odd} are unknown to this version")
     made = {}
     for name, value in values.items():
         if dataclasses.is_dataclass(hints[name]):
@@ -239,8 +220,10 @@ def run_name(config: Config) -> str:
 
     Example: crsfd-shape2-shift8mm-seed0x5 for five seeds from seed 0.
     """
-    shift = format_length(config.shift)
-    name = f"{config.algorithm}-shape{config.shape}-shift{shift}-seed{config.seed}x{config.seeds}"
+    task = f"shape{shapes.label(config.shape)}-shift{format_length(config.shift)}"
+    if config.randomisation != Randomisation():
+        task += "-randomised"
+    name = f"{config.algorithm}-{task}-seed{config.seed}x{config.seeds}"
     return f"{name}-smoke" if config.smoke else name
 
 

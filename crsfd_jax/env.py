@@ -13,13 +13,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import config
-from crsfd_jax.observation import CLIP, SCALE
+from crsfd_jax import config, sensing
+from crsfd_jax.observation import ACTION_SIZE, CLIP, SCALE
 from crsfd_jax.physics.interface import Engine, PhysicsState, Surroundings
 from crsfd_jax.scene import randomize
 from crsfd_jax.scene.build import Scene
 from crsfd_jax.scene.digits import HOLE_DEPTH
-from crsfd_jax.scene.kinematics import Chain, chain, inverse_kinematics, rotation_vector, tip_pose
+from crsfd_jax.scene.kinematics import (
+    Chain,
+    chain,
+    inverse_kinematics,
+    pose,
+    rotation_vector,
+    tip_pose,
+)
 
 SUCCESS_DEPTH = HOLE_DEPTH - 0.0015
 """m below the mouth at which the peg counts as fully inserted."""
@@ -42,6 +49,8 @@ class EnvState:
     """[N, O]."""
     age: jax.Array
     """[N] int32 control steps since the episode began."""
+    last_action: jax.Array | None = None
+    """[N, A], taken next where actions are delayed; None where none is."""
 
 
 @flax.struct.dataclass(kw_only=True)
@@ -55,7 +64,7 @@ class Outcome:
     finite: jax.Array
     """False where the simulation broke down: the episode ends and must not be stored."""
     tip: jax.Array
-    """[N, 6] where the step left the tip."""
+    """[N, 6] where the step left the tip, whatever the arm measures."""
 
 
 Reward = Callable[[jax.Array, Surroundings, jax.Array], jax.Array]
@@ -74,6 +83,8 @@ class Env(NamedTuple):
     """(key, N) -> N fresh episodes."""
     step: Callable[[EnvState, jax.Array, jax.Array], tuple[EnvState, Outcome]]
     """(state, action [N, A], key) -> state with ended episodes replaced, outcome of the step."""
+    advance: Callable[[EnvState, jax.Array], tuple[EnvState, Outcome]]
+    """(state, action [N, A]) -> state with ended episodes left as they ended, outcome."""
     horizon: int
 
 
@@ -87,41 +98,64 @@ def make(
     """The task on an engine, with the episodes of a distribution."""
     links = chain(scene)
     rest = np.asarray(rest_posture(links))
+    arm = distribution.randomisation
+    deviation = (arm.position_noise, arm.rotation_noise)
 
     def reset(key: jax.Array, count: int) -> EnvState:
         physics, around = randomize.draw(distribution, key, count)
-        tip, obs = observe(links, rest, physics, jnp.zeros((count, 3)))
         age = jnp.zeros(count, jnp.int32)
-        return EnvState(physics=physics, around=around, tip=tip, obs=obs, age=age)
+        read, noise = sensing.believed(physics, around), sensing.noise(around, age, deviation)
+        tip, obs = observe(links, rest, read, jnp.zeros((count, 3)), noise)
+        queued = None if around.is_delayed is None else jnp.zeros((count, ACTION_SIZE))
+        return EnvState(
+            physics=physics, around=around, tip=tip, obs=obs, age=age, last_action=queued
+        )
 
-    def step(state: EnvState, action: jax.Array, key: jax.Array) -> tuple[EnvState, Outcome]:
-        target = setpoint(mdp, state.tip, action)
-        physics = engine.step(state.physics, state.around, target)
-        error = target[..., :3] - tip_pose(links, physics.qpos)[0]
-        tip, next_obs = observe(links, rest, physics, error)
+    def advance(state: EnvState, action: jax.Array) -> tuple[EnvState, Outcome]:
+        around, age = state.around, state.age + 1
+        target = setpoint(mdp, state.tip, taken(state, action))
+        command = sensing.commanded(links, state.physics, around, target)
+        physics = engine.step(state.physics, around, command)
+        read, noise = sensing.believed(physics, around), sensing.noise(around, age, deviation)
+        error = target[..., :3] - tip_pose(links, read.qpos)[0]
+        measured, next_obs = observe(links, rest, read, error, noise)
+        tip = pose(links, physics.qpos)
         finite = jnp.isfinite(next_obs).all(axis=-1) & jnp.isfinite(physics.warmstart).all(axis=-1)
-        terminated = finite & inserted(tip, state.around)
-        age = state.age + 1
+        terminated = finite & inserted(tip, around)
         truncated = finite & ~terminated & (age >= mdp.horizon)
         outcome = Outcome(
             next_obs=next_obs,
-            reward=reward(tip, state.around, terminated),
+            reward=reward(tip, around, terminated),
             terminated=terminated,
             truncated=truncated,
             finite=finite,
             tip=tip,
         )
-        going = EnvState(physics=physics, around=state.around, tip=tip, obs=next_obs, age=age)
-        over = terminated | truncated | ~finite
+        queued = None if state.last_action is None else action
+        after = EnvState(
+            physics=physics, around=around, tip=measured, obs=next_obs, age=age, last_action=queued
+        )
+        return after, outcome
+
+    def step(state: EnvState, action: jax.Array, key: jax.Array) -> tuple[EnvState, Outcome]:
+        going, outcome = advance(state, action)
+        over = outcome.terminated | outcome.truncated | ~outcome.finite
         return _where(over, reset(key, len(over)), going), outcome
 
-    return Env(reset=reset, step=step, horizon=mdp.horizon)
+    return Env(reset=reset, step=step, advance=advance, horizon=mdp.horizon)
 
 
 def rest_posture(links: Chain) -> jax.Array:
     """[7] rad, joint angles with the tip in the middle of the start cube."""
     middle = jnp.array([[0.0, 0.0, randomize.START_HEIGHT + randomize.START_HALF_WIDTH]])
     return inverse_kinematics(links, middle, jnp.zeros((1, 3)))[0][0]
+
+
+def taken(state: EnvState, action: jax.Array) -> jax.Array:
+    """[N, A] what takes effect now: the action, or the one before where actions are delayed."""
+    if state.around.is_delayed is None:
+        return action
+    return jnp.where(state.around.is_delayed[:, None], state.last_action, action)
 
 
 def setpoint(mdp: config.Mdp, tip: jax.Array, action: jax.Array) -> jax.Array:
@@ -143,16 +177,23 @@ def inserted(tip: jax.Array, around: Surroundings) -> jax.Array:
 
 
 def observe(
-    links: Chain, rest: np.ndarray, physics: PhysicsState, error: jax.Array
+    links: Chain,
+    rest: np.ndarray,
+    physics: PhysicsState,
+    error: jax.Array,
+    noise: jax.Array | None = None,
 ) -> tuple[jax.Array, jax.Array]:
     """Measured tip pose [N, 6] and observation [N, O].
 
     Args:
       rest: [7] rad, the joint angles that are observed as zero.
       error: [N, 3] m, setpoint minus tip position.
+      noise: [N, 6] m and rad, what the tip's pose is measured too large.
     """
     position, rotation, jacobian = tip_pose(links, physics.qpos)
     tip = jnp.concatenate([position, rotation_vector(rotation)], axis=-1)
+    if noise is not None:
+        tip, error = tip + noise, error - noise[..., :3]
     twist = jnp.einsum("...ij,...j->...i", jacobian, physics.qvel)
     raw = jnp.concatenate([physics.qpos - rest, physics.qvel, tip, twist, error], axis=-1)
     return tip, jnp.clip(raw / SCALE, -CLIP, CLIP)

@@ -1,42 +1,75 @@
 """`python -m crsfd_jax.evaluate RUN`: success of a trained policy, on any task."""
 
-from dataclasses import dataclass
+import dataclasses
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from crsfd_jax import cli
-from crsfd_jax.config import SHAPES, Length
-from crsfd_jax.limits import Interval, OneOf
+from crsfd_jax import artefacts, cli, validation
+from crsfd_jax.config import Config
+from crsfd_jax.errors import UserError
+from crsfd_jax.limits import Interval
+from crsfd_jax.option_types import Length, Shape
+from crsfd_jax.randomisation import HELD_OUT, Randomisation
 
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Plays fresh episodes with the deterministic policies of a run and reports success."""
+    """Plays fresh episodes with the deterministic policies of a run and reports success.
+
+    Shape, shift and randomisation are the run's own where they are not given.
+    """
 
     run: tyro.conf.Positional[str]
     """Folder of the run."""
-    shape: Annotated[str, OneOf(("", *SHAPES))] = ""
-    """Digit of the peg and its socket; the run's own if not given."""
-    shift: Annotated[Length, Interval(0, 0.02)] | None = None
-    """Side of the square of the socket's offset, such as 4mm; the run's own if not given."""
+    shape: Shape | None = None
+    """Peg and socket, as in training: one or several."""
+    shift: Length | None = None
+    """Side of the square of the socket's offset, such as 4mm."""
+    held_out: bool = False
+    """Draw what tells the arm from its model from ranges that no training draws from."""
+    randomisation: Randomisation = field(default_factory=Randomisation)
     episodes: Annotated[int, Interval(1, 1_000_000)] = 100
     """Episodes of each seed."""
     seed: Annotated[int, Interval(0, 2_000_000_000)] = 1_000_000
     """Seed of the episodes, apart from those of training and its evaluations."""
     engine: Literal["auto", "native", "mjx", "warp"] = "auto"
     """Physics engine; auto is mjx on an accelerator and native on a CPU."""
+    csv: str = ""
+    """File for a table of trials and successes of each seed and shape; none if empty."""
+
+
+def task_of(argv: list[str]) -> tuple[Evaluate, Config]:
+    """What to do, and the run's options with those of the command line in their place.
+
+    Raises:
+      UserError: there is no such run, or an option cannot be used.
+    """
+    first = cli.parse(Evaluate, argv)
+    own = artefacts.read_config(first.run)
+    arm = HELD_OUT if first.held_out else own.randomisation
+    default = Evaluate(run=first.run, shape=own.shape, shift=own.shift, randomisation=arm)
+    given = cli.parse(Evaluate, argv, default)
+    names = ("shape", "shift", "randomisation", "engine")
+    task = dataclasses.replace(own, **{name: getattr(given, name) for name in names})
+    validation.validate(task)
+    if given.csv and not Path(given.csv).absolute().parent.is_dir():
+        raise UserError(
+            f"--csv: got {given.csv!r}, allowed: a file in a folder that exists; choose another"
+        )
+    return given, task
 
 
 def run(argv: list[str]) -> int:
     """Evaluates as the command line says; see --help."""
-    options = cli.parse(Evaluate, argv)
+    given, task = task_of(argv)
     from crsfd_jax import compile_cache
     from crsfd_jax.report import success
 
     compile_cache.enable()
-    shape = options.shape or None
-    success.report(success.Options(**{**vars(options), "shape": shape}))
+    success.report(Path(given.run), task, given.episodes, given.seed, given.csv)
     return 0
 
 

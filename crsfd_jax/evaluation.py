@@ -15,25 +15,33 @@ class Episodes:
     success: jax.Array
     length: jax.Array
     """int32 control steps, the horizon if the peg was not inserted."""
+    shape: jax.Array
+    """int32 row of the scene's geometry tables."""
 
 
 def run(env: Env, nets: Networks, actor: Params, key: jax.Array, episodes: int) -> Episodes:
     """Plays whole episodes from fresh starts; success is insertion at any time before the limit.
 
-    Every environment plays exactly one episode: what happens after its end is not counted.
+    Every environment plays exactly one episode: what happens after its end is not counted, and the
+    simulation stops with the last of them.
     """
     reset_key, key = jax.random.split(key)
+    keys = jax.random.split(key, env.horizon)
 
-    def step(carry, key):
-        state, running, success, length = carry
+    def going(carry):
+        step, _, running, _, _ = carry
+        return (step < env.horizon) & running.any()
+
+    def play(carry):
+        step, state, running, success, length = carry
         action = mode_action(nets.actor, actor, state.obs)
-        state, outcome = env.step(state, action, key)
+        state, outcome = env.step(state, action, keys[step])
         over = outcome.terminated | outcome.truncated | ~outcome.finite
         success = success | (running & outcome.terminated)
-        return (state, running & ~over, success, length + running), None
+        return step + 1, state, running & ~over, success, length + running
 
     start = env.reset(reset_key, episodes)
     running, success = jnp.ones(episodes, bool), jnp.zeros(episodes, bool)
-    carry = (start, running, success, jnp.zeros(episodes, jnp.int32))
-    (_, _, success, length), _ = jax.lax.scan(step, carry, jax.random.split(key, env.horizon))
-    return Episodes(success=success, length=length)
+    carry = (0, start, running, success, jnp.zeros(episodes, jnp.int32))
+    _, _, _, success, length = jax.lax.while_loop(going, play, carry)
+    return Episodes(success=success, length=length, shape=start.around.shape)

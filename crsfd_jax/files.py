@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
+_TEMPORARY = ".tmp"
+
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Replaces a file by what `write` puts into a stream; on disk when this returns.
@@ -13,7 +15,8 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     Raises:
       OSError: the file cannot be written; the old one is then unchanged.
     """
-    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    name = f".{path.name}."
+    descriptor, temporary = tempfile.mkstemp(_TEMPORARY, prefix=name, dir=path.parent)
     try:
         with os.fdopen(descriptor, "wb") as stream:
             write(stream)
@@ -25,6 +28,12 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         os.unlink(temporary)
         raise
     sync(path.parent)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Removes what a process that was killed in `write_atomically` left in a folder."""
+    for entry in folder.glob(f".*{_TEMPORARY}"):
+        entry.unlink(missing_ok=True)
 
 
 def sync(path: Path) -> None:

@@ -6,6 +6,7 @@ the first value outside, naming the command-line option that sets it.
 
 import dataclasses
 import difflib
+import itertools
 import typing
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -38,6 +39,18 @@ class OneOf:
     """A closed list of words."""
 
     choices: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Ends of one or more ranges, in rising order."""
+
+
+@dataclass(frozen=True)
+class ReadBy:
+    """Text that a function must be able to read; its ValueError says what is wrong."""
+
+    read: Callable[[str], Any]
 
 
 @dataclass(frozen=True)
@@ -87,6 +100,10 @@ def _check_value(option: str, value: Any, limits: tuple[Any, ...]) -> None:
             raise UserError(choice_message(option, value, limit.choices))
         if isinstance(limit, Interval):
             _check_numbers(option, value, limit, show)
+        if isinstance(limit, Ranges):
+            _check_ranges(option, value)
+        if isinstance(limit, ReadBy):
+            _check_text(option, value, limit)
 
 
 def _check_numbers(option: str, value: Any, limit: Interval, show: Callable[[float], str]) -> None:
@@ -99,3 +116,22 @@ def _check_numbers(option: str, value: Any, limit: Interval, show: Callable[[flo
             raise UserError(
                 f"{option}: got {show(number)}, allowed: {allowed}; choose a value in that range"
             )
+
+
+def _check_ranges(option: str, ends: tuple[float, ...]) -> None:
+    rising = all(a < b for a, b in itertools.pairwise(ends)) or (
+        len(ends) == 2 and len({*ends}) == 1
+    )
+    if len(ends) % 2 or not rising:
+        got = " ".join(map(_show_number, ends))
+        raise UserError(
+            f"{option}: got {got}, allowed: low high, or low high low high with rising numbers; "
+            "write both ends of every range"
+        )
+
+
+def _check_text(option: str, value: str, limit: ReadBy) -> None:
+    try:
+        limit.read(value)
+    except ValueError as error:
+        raise UserError(f"{option}: {error}") from None

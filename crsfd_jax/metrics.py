@@ -23,7 +23,7 @@ def append(path: Path, rows: Sequence[Mapping[str, float]]) -> None:
       rows: column -> number, `env_steps` and `seed` among them.
 
     Raises:
-      ValueError: the columns differ from the header of the file.
+      UserError: the columns differ from the header of the file.
       OSError: the file cannot be written.
     """
     if not rows:
@@ -33,7 +33,11 @@ def append(path: Path, rows: Sequence[Mapping[str, float]]) -> None:
     header = present[0] if present else [*KEY_COLUMNS, *others]
     for row in rows:
         if set(row) != set(header):
-            raise ValueError(f"metrics row has columns {sorted(row)}, expected {sorted(header)}")
+            odd = ", ".join(sorted(set(row) ^ set(header)))
+            raise UserError(
+                f"{path}: columns {odd} are only in the file or only in this version; continue the "
+                "run with the program version that wrote it, or start again with another --out"
+            )
     lines = [] if present else [header]
     lines += [[_show(row[column]) for column in header] for row in rows]
     with path.open("a", newline="", encoding="utf-8") as stream:

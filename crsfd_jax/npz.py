@@ -38,8 +38,12 @@ def read(path: Path, dtypes: Mapping[str, type], max_bytes: int) -> dict[str, np
       max_bytes: limit of all arrays together, checked before anything is allocated.
 
     Raises:
-      UserError: the file is missing, damaged, too large, or has other arrays.
+      UserError: the file is missing, a link, damaged, too large, or has other arrays.
     """
+    if path.is_symlink():
+        raise UserError(f"{path}: is a link; give the file itself, {path.readlink()}")
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise UserError(f"{path}: is a device or a pipe, expected a file; check the name")
     try:
         with zipfile.ZipFile(path) as archive:
             _check_members(archive, dtypes, max_bytes)

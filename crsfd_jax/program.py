@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.sharding import Mesh
 
-from crsfd_jax import algorithms, chunk, device, evaluation, task, train_step
+from crsfd_jax import algorithms, chunk, device, evaluation, spread, task, train_step
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, run_name
 from crsfd_jax.demos.dataset import Demonstrations
@@ -32,8 +33,10 @@ class Program(NamedTuple):
     start: Callable[[], TrainState]
     """() -> states [S] before the first step."""
     advance: chunk.Chunk
-    evaluate: Callable[[Any, jax.Array], evaluation.Episodes]
+    evaluate: Callable[[Any, jax.typing.ArrayLike], evaluation.Episodes]
     """(actor parameters [S], env_steps) -> episodes [S, K]."""
+    mesh: Mesh
+    """The devices that share the seeds."""
 
 
 def fitted(config: Config) -> Config:
@@ -57,28 +60,39 @@ def evaluation_period(config: Config) -> int:
 
 
 def build(config: Config, demos: Demonstrations) -> Program:
-    """Everything that a run computes, not compiled yet."""
+    """Everything that a run computes on its task, not compiled yet."""
     transitions = Transition(
         **{f.name: jnp.asarray(getattr(demos, f.name)) for f in dataclasses.fields(Transition)}
     )
-    env = task.make_env(config)
-    learner = train_step.make(env, algorithms.load(config.algorithm), config)
     _, scene = task.engine(device.engine_name(config), config.scene)
     sampler = make_free_space(scene, config.potential.free_space_extent)
     preparation = Preparation(demos=transitions, free_space=sampler)
-    seeds = jnp.arange(config.seed, config.seed + config.seeds)
+    return assemble(config, task.make_env(config), preparation)
 
-    def start() -> TrainState:
+
+def assemble(config: Config, env: Env, preparation: Preparation) -> Program:
+    """What a run computes on any environment; several devices share the seeds."""
+    learner = train_step.make(env, algorithms.load(config.algorithm), config)
+    seeds = jnp.arange(config.seed, config.seed + config.seeds)
+    mesh = spread.mesh(config.seeds)
+
+    def begin(seeds: jax.Array) -> TrainState:
         keys = jax.vmap(jax.random.key)(seeds)
         return jax.vmap(lambda key: learner.init(key, preparation))(keys)
 
-    def evaluate(actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
+    def play(seeds: jax.Array, actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
         def one(actor, seed):
             key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), _FRESH), env_steps)
             return evaluation.run(env, learner.nets, actor, key, config.evaluation.episodes)
 
         return jax.vmap(one)(actor, seeds)
 
+    def start() -> TrainState:
+        return spread.split(begin, mesh)(seeds)
+
+    def evaluate(actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
+        return spread.split(play, mesh, spread.SEEDS, spread.WHOLE)(seeds, actor, env_steps)
+
     start = jax.jit(start, compiler_options=_QUICK_COMPILE)
-    advance = chunk.make(learner, CHUNK_STEPS)
-    return Program(env, learner, start, advance, jax.jit(evaluate))
+    advance = chunk.make(learner, CHUNK_STEPS, mesh)
+    return Program(env, learner, start, advance, jax.jit(evaluate), mesh)

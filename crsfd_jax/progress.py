@@ -41,6 +41,13 @@ def progress(
         yield update
 
 
+def say(line: str) -> None:
+    """Prints a line; a closed output never stops the run."""
+    output = _Unbreakable(sys.stdout)
+    output.write(f"{line}\n")
+    output.flush()
+
+
 def status_line(
     env_steps: int, total_steps: int, steps_per_second: float, success: Sequence[float]
 ) -> str:

@@ -10,12 +10,24 @@ from crsfd_jax.physics.interface import Engine
 from crsfd_jax.scene import randomize
 from crsfd_jax.scene.build import Scene, build
 from crsfd_jax.scene.kinematics import chain
+from crsfd_jax.shapes import read
+
+
+def engine(
+    name: str, parts: config.Scene, shapes: tuple[str, ...] = config.SHAPES
+) -> tuple[Engine, Scene]:
+    """An engine and its scene, made once for all environments that use them."""
+    return _engine(name, parts, shapes)
+
+
+def shapes_known(options: config.Config) -> tuple[str, ...]:
+    """Shapes of a run's scene: every digit, and the grids that the run brings."""
+    return tuple(dict.fromkeys((*config.SHAPES, *read(options.shape))))
 
 
 @functools.cache
-def engine(name: str, parts: config.Scene) -> tuple[Engine, Scene]:
-    """An engine and its scene, made once for all environments that use them."""
-    scene = build(parts)
+def _engine(name, parts, shapes):
+    scene = build(parts, shapes)
     return select.make(name, scene), scene
 
 
@@ -26,12 +38,13 @@ def _start_pool(parts: config.Scene) -> np.ndarray:
 
 def make_env(options: config.Config, reward: env.Reward = env.sparse_reward) -> env.Env:
     """The environment of a run."""
-    physics, scene = engine(select.resolve(options.engine), options.scene)
-    friction = options.scene.friction
+    known = shapes_known(options)
+    physics, scene = engine(select.resolve(options.engine), options.scene, known)
     distribution = randomize.Distribution(
         start_qpos=_start_pool(options.scene),
-        shapes=(scene.shapes.index(options.shape),),
+        shapes=tuple(map(known.index, read(options.shape))),
         shift=options.shift,
-        friction=(friction, friction),
+        friction=options.scene.friction,
+        randomisation=options.randomisation,
     )
     return env.make(physics, scene, options.mdp, distribution, reward)

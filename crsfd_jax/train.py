@@ -1,6 +1,6 @@
 """`python -m crsfd_jax.train`: learn an insertion task from demonstrations of another one."""
 
-from crsfd_jax import cli
+from crsfd_jax import cli, loggers
 from crsfd_jax.config import Config, smoke_sized
 from crsfd_jax.demos import builtin
 
@@ -8,13 +8,15 @@ from crsfd_jax.demos import builtin
 def run(argv: list[str]) -> int:
     """Trains as the command line says; see --help."""
     config = cli.parse(Config, argv)
+    loggers.require(config.log)
     if config.smoke:
         config = smoke_sized(config)
-    demos = builtin.load(config.demos)
+    demos = builtin.load(config.demos, config.demo_episodes)
     # jax takes seconds to import: what is wrong with the input is said before.
-    from crsfd_jax import compile_cache, trainer
+    from crsfd_jax import compile_cache, spread, trainer
 
     compile_cache.enable()
+    spread.join()
     return trainer.train(config, demos)
 
 

@@ -1,17 +1,33 @@
 """The host's side of a run: compile, advance, evaluate, record, save, stop, resume."""
 
+import contextlib
 import dataclasses
+import json
+import os
 import shlex
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import artefacts, checkpoints, device, metrics, policy
+from crsfd_jax import (
+    artefacts,
+    checkpoints,
+    device,
+    divergence,
+    loggers,
+    metrics,
+    outcome,
+    policy,
+    spread,
+    standing,
+)
 from crsfd_jax.config import Config
 from crsfd_jax.demos.dataset import Demonstrations
+from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.interrupt import Interrupt
 from crsfd_jax.leaves import stored_bytes
 from crsfd_jax.program import (
@@ -22,170 +38,175 @@ from crsfd_jax.program import (
     fitted,
     total_steps,
 )
-from crsfd_jax.progress import progress
+from crsfd_jax.progress import progress, say
 from crsfd_jax.report import curves
-from crsfd_jax.report.intervals import wilson_interval
+from crsfd_jax.standing import Standing
 from crsfd_jax.train_step import TrainState
 
-STOPPED = 75
-"""Exit code of a run that was stopped and can be continued."""
 _SAVE_SHARE = 0.02
 """Largest share of the wall time that saving may take."""
-
-
-@dataclasses.dataclass
-class Progress:
-    """Where a run stands, besides its states; everything in it is saved with them."""
-
-    step: int = 0
-    """Vector steps made."""
-    wall_s: float = 0.0
-    """Time spent in all sessions of the run."""
-    sums: dict[str, list[float]] = dataclasses.field(default_factory=dict)
-    """Training metrics added up since the last evaluation, a number for each seed."""
-    chunks: int = 0
-    """Chunks in `sums`."""
-    success: list[float] = dataclasses.field(default_factory=list)
-    """Newest success rate of each seed."""
 
 
 def train(config: Config, demos: Demonstrations) -> int:
     """Runs or continues a run to its end, or until a signal stops it; returns the exit code.
 
     Raises:
-      UserError: the run cannot start: run folder or engine.
+      UserError: the run cannot start or go on: run folder, disk, memory or engine.
     """
     config = fitted(config)
     words = device.describe(config)
     with (
-        artefacts.open_run(config.out, config, words, sys.argv) as folder,
+        _place(config) as path,
+        artefacts.open_run(path, config, words, sys.argv) as folder,
         Interrupt() as interrupt,
+        _memory_reported(folder),
     ):
         program = build(config, demos)
         size = stored_bytes(jax.eval_shape(program.start))
         artefacts.refuse_full_disk(folder, size)
-        _say(f"device    {words}")
-        _say(f"task      shape {config.shape}, shift {config.shift * 1e3:g} mm, {config.algorithm}")
-        _say(f"buffer    {config.replay.capacity} transitions a seed, {size / 1e6:.0f} MB in all")
-        _say(f"folder    {folder.path}")
-        return _run(config, program, folder, interrupt)
+        say(f"device    {words}")
+        if jax.device_count() > 1:
+            devices = f"{program.mesh.size} of {jax.device_count()} devices"
+            say(f"seeds     {config.seeds}, evenly on {devices}, {jax.process_count()} processes")
+        say(f"task      shape {config.shape}, shift {config.shift * 1e3:g} mm, {config.algorithm}")
+        say(f"buffer    {config.replay.capacity} transitions a seed, {size / 1e6:.0f} MB in all")
+        say(f"folder    {folder.path}")
+        return run(config, program, folder, interrupt)
 
 
-def _run(
-    config: Config, program: Program, folder: artefacts.RunFolder, interrupt: Interrupt
-) -> int:
+def run(config: Config, program: Program, folder: artefacts.RunFolder, interrupt: Interrupt) -> int:
+    """Starts or resumes, and goes on to the end or to a signal; returns the exit code."""
     states, at = _start_or_resume(config, program, folder)
-    if at.step < total_steps(config):
+    if not _is_over(config, at):
         program = _compiled(program, states)
-    total, period = total_steps(config), evaluation_period(config)
     began, saved_at, save_s = time.monotonic() - at.wall_s, time.monotonic(), 0.0
-    with progress(config.steps, at.step * config.envs) as show:
-        while at.step < total and not interrupt.requested:
-            states, values = program.advance(states, jnp.int32(at.step))
+    seeds = range(config.seed, config.seed + config.seeds)
+    with (
+        progress(config.steps, at.step * config.envs) as show,
+        loggers.opened(config.log, folder.path, seeds) as log,
+    ):
+        while not _is_over(config, at) and not spread.any_of(interrupt.requested):
+            states, values = program.advance(states, np.int32(at.step))
             at.step += CHUNK_STEPS
-            _add_up(at, values)
+            standing.add_up(at, spread.collect(values))
             at.wall_s = time.monotonic() - began
-            if at.step % period == 0 or at.step == total:
+            if at.step % evaluation_period(config) == 0 or at.step == total_steps(config):
                 _evaluate(config, program, states, at, folder)
+                log()
             show(at.step * config.envs, at.success)
-            if save_s < _SAVE_SHARE * (time.monotonic() - saved_at) and at.step < total:
+            due = spread.is_first() and save_is_due(save_s, time.monotonic() - saved_at)
+            if spread.any_of(due) and not _is_over(config, at):
                 save_s = _save(folder, states, at)
                 saved_at = time.monotonic()
         at.wall_s = time.monotonic() - began
         _save(folder, states, at)
-        policy.save(folder.path, states.agent.actor)
-    if at.step < total:
-        _say(f"stopped at {at.step * config.envs} steps, saved; go on with the same command:")
-        _say(f"  {_command()}")
+        policy.save(folder.path, spread.collect(states.agent.actor))
+    if not _is_over(config, at):
+        say(f"stopped at {at.step * config.envs} steps, saved; go on with the same command:")
+        say(f"  {_command()}")
         return STOPPED
-    _summarise(config, folder, at)
-    return 0
+    curves.plot({config.algorithm: folder.metrics}, folder.curves)
+    say(f"curves    {folder.curves}")
+    came_to = outcome.judge(config, at.success, at.diverged, at.wall_s)
+    say(came_to.line)
+    return came_to.code
 
 
-def _start_or_resume(config, program, folder) -> tuple[TrainState, Progress]:
+def save_is_due(save_s: float, since_s: float) -> bool:
+    """Whether to save again `since_s` after a save that took `save_s`; the first is due at once."""
+    return save_s < _SAVE_SHARE * since_s
+
+
+def _is_over(config: Config, at: Standing) -> bool:
+    return at.step >= total_steps(config) or len(at.diverged) == config.seeds
+
+
+def _start_or_resume(config, program, folder) -> tuple[TrainState, Standing]:
     found = checkpoints.restore(folder.checkpoints, jax.eval_shape(program.start))
-    if found is not None:
-        at = Progress(**found.extra)
+    if spread.any_of(found is not None):
+        state, extra = _told(program, found)
+        at = standing.from_saved(extra)
         metrics.truncate(folder.metrics, at.step * config.envs)
-        _say(f"resumed at {at.step * config.envs} of {config.steps} steps")
-        return found.state, at
+        say(f"resumed at {at.step * config.envs} of {config.steps} steps")
+        return spread.place(state, program.mesh), at
     metrics.truncate(folder.metrics, 0)
     began = time.monotonic()
     states = jax.block_until_ready(program.start())
     took = time.monotonic() - began
-    _say(f"prepared  {config.algorithm} for {config.seeds} seeds in {took:.1f} s")
-    return states, Progress()
+    say(f"prepared  {config.algorithm} for {config.seeds} seeds in {took:.1f} s")
+    return states, Standing()
+
+
+def _told(program: Program, found: checkpoints.Checkpoint | None) -> tuple[TrainState, dict]:
+    """What the first process found in the run folder, in every process."""
+    if jax.process_count() == 1 and found is not None:
+        return found.state, found.extra
+    blank = spread.collect(program.start())
+    state = spread.from_first(found.state if found else blank)
+    return state, json.loads(spread.text_from_first(json.dumps(found.extra if found else {})))
 
 
 def _compiled(program: Program, states: TrainState) -> Program:
-    _say("compiling one chunk of training steps and the evaluation ...")
+    say("compiling one chunk of training steps and the evaluation ...")
     began = time.monotonic()
-    advance = program.advance.lower(states, jnp.int32(0)).compile()
-    evaluate = program.evaluate.lower(states.agent.actor, jnp.int32(0)).compile()
-    _say(f"compiled  in {time.monotonic() - began:.1f} s")
+    advance = program.advance.lower(states, np.int32(0)).compile()
+    evaluate = program.evaluate.lower(states.agent.actor, np.int32(0)).compile()
+    say(f"compiled  in {time.monotonic() - began:.1f} s")
     return program._replace(advance=advance, evaluate=evaluate)
 
 
-def _add_up(at: Progress, values: dict[str, jax.Array]) -> None:
-    for name, value in values.items():
-        old = at.sums.get(name, [0.0] * len(value))
-        at.sums[name] = [a + float(b) for a, b in zip(old, np.asarray(value), strict=True)]
-    at.chunks += 1
-
-
-def _evaluate(config, program, states, at: Progress, folder) -> None:
-    """Plays fresh episodes and writes a row for each seed."""
+def _evaluate(config, program, states, at: Standing, folder) -> None:
+    """Plays fresh episodes, looks for seeds that diverged, and writes a row for each seed."""
     env_steps = at.step * config.envs
-    played = program.evaluate(states.agent.actor, jnp.int32(env_steps))
-    success, length = np.asarray(played.success), np.asarray(played.length)
-    at.success = [float(rate) for rate in success.mean(axis=1)]
-    rows = []
-    for i in range(config.seeds):
-        sums = {name: values[i] for name, values in at.sums.items()}
-        episodes, successes = sums.pop("episodes", 0.0), sums.pop("successes", 0.0)
-        nonfinite = sums.pop("nonfinite", 0.0)
-        rows.append(
-            {
-                "env_steps": env_steps,
-                "seed": config.seed + i,
-                "eval/success_rate": at.success[i],
-                "eval/episode_length": float(length[i].mean()),
-                "eval/episodes": config.evaluation.episodes,
-                "train/success_rate": successes / max(episodes, 1.0),
-                "train/episodes": episodes,
-                "env/nonfinite": nonfinite,
-                **{f"train/{name}": value / at.chunks for name, value in sums.items()},
-                "time/wall_s": at.wall_s,
-                "time/env_steps_per_second": env_steps * config.seeds / max(at.wall_s, 1e-9),
-            }
-        )
-    metrics.append(folder.metrics, rows)
+    played = spread.collect(program.evaluate(states.agent.actor, np.int32(env_steps)))
+    at.success = np.asarray(played.success).mean(axis=1).tolist()
+    for index, place in divergence.find(spread.collect(states.agent), at.sums).items():
+        seed = config.seed + index
+        if str(seed) not in at.diverged:
+            whole = spread.collect(states)
+            divergence.keep(folder.path, whole, index, seed, env_steps, place)
+            at.diverged[str(seed)] = env_steps
+    lengths = np.asarray(played.length).mean(axis=1).tolist()
+    metrics.append(folder.metrics, standing.rows(config, at, lengths))
     at.sums, at.chunks = {}, 0
 
 
-def _save(folder, states: TrainState, at: Progress) -> float:
-    began = time.monotonic()
-    checkpoints.save(folder.checkpoints, at.step, states, dataclasses.asdict(at))
+def _save(folder, states: TrainState, at: Standing) -> float:
+    began, whole = time.monotonic(), spread.collect(states)
+    if spread.is_first():
+        checkpoints.save(folder.checkpoints, at.step, whole, dataclasses.asdict(at))
     return time.monotonic() - began
 
 
-def _summarise(config, folder, at: Progress) -> None:
-    curves.plot({config.algorithm: folder.metrics}, folder.curves)
-    trials = config.evaluation.episodes * config.seeds
-    successes = round(sum(at.success) * config.evaluation.episodes)
-    low, high = wilson_interval(successes, trials)
-    _say(f"curves    {folder.curves}")
-    _say(
-        f"final success {successes / trials:.3f}, 95 % interval {low:.3f} to {high:.3f} "
-        f"({successes} of {trials} episodes, {config.seeds} seeds), {at.wall_s:.0f} s"
-    )
+@contextlib.contextmanager
+def _place(config: Config) -> Iterator[str]:
+    """The run folder of the first process; the others are silent and leave nothing."""
+    if spread.is_first():
+        yield config.out
+        return
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        open(os.devnull, "w", encoding="utf-8") as nowhere,
+        contextlib.redirect_stdout(nowhere),
+    ):
+        yield scratch
+
+
+@contextlib.contextmanager
+def _memory_reported(folder: artefacts.RunFolder) -> Iterator[None]:
+    try:
+        yield
+    except (MemoryError, jax.errors.JaxRuntimeError) as error:
+        if isinstance(error, jax.errors.JaxRuntimeError) and "RESOURCE_EXHAUSTED" not in str(error):
+            raise
+        raise UserError(
+            f"{folder.path}: out of memory ({str(error)[:80]}); free some and run the same command "
+            "again, or lower --seeds, --envs or --replay.capacity with another --out",
+            STOPPED if any(folder.checkpoints.iterdir()) else USAGE,
+        ) from error
 
 
 def _command() -> str:
     module = getattr(sys.modules["__main__"], "__spec__", None)
     program = ["python", "-m", module.name] if module else ["python", sys.argv[0]]
     return shlex.join([*program, *sys.argv[1:]])
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)

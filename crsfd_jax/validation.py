@@ -1,5 +1,6 @@
 """Values of a configuration that must fit each other, besides their own ranges."""
 
+from crsfd_jax import shapes
 from crsfd_jax.config import Config, Scene
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import check_limits
@@ -25,23 +26,25 @@ def validate(config: Config) -> None:
             f"--sac.warmup-steps: got {config.sac.warmup_steps}, allowed: below --steps "
             f"({config.steps}); lower it or raise --steps"
         )
-    if config.algorithm == "crsfd" and config.potential.gamma > config.sac.gamma:
+    if config.algorithm.startswith("crsfd") and config.potential.gamma > config.sac.gamma:
         raise UserError(
             f"--potential.gamma: got {config.potential.gamma:g}, allowed: at most --sac.gamma "
             f"({config.sac.gamma:g}); lower it or raise --sac.gamma"
         )
-    validate_parts(config.scene)
+    validate_parts(config.scene, config.shape)
 
 
-def validate_parts(scene: Scene) -> None:
-    """Checks that a digit with these sizes leaves something of the peg.
+def validate_parts(scene: Scene, shape: str) -> None:
+    """Checks that every shape with these sizes leaves a peg wide enough for its contact spheres.
 
     Raises:
-      UserError: the clearance is as wide as a stroke of the digit.
+      UserError: the clearance leaves too little of a cell.
     """
-    stroke = scene.footprint / 5
-    if scene.clearance >= stroke:
+    most = max(max(len(g), len(g[0])) for g in map(shapes.grid, shapes.read(shape)))
+    cell = scene.footprint / most
+    if scene.clearance > cell - shapes.THINNEST + 1e-9:
         raise UserError(
-            f"--scene.clearance: got {format_length(scene.clearance)}, allowed: below a fifth of "
-            f"--scene.footprint ({format_length(stroke)}); lower it"
+            f"--scene.clearance: got {format_length(scene.clearance)}, allowed: at most a cell of "
+            f"the shape ({format_length(cell)}) less {format_length(shapes.THINNEST)}; lower it or "
+            "raise --scene.footprint"
         )

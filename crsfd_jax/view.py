@@ -1,44 +1,95 @@
-"""Draws a task: python -m crsfd_jax.view --shape 2 --png out.png"""
+"""Shows a run in a browser, films it, or draws a task.
+
+python -m crsfd_jax.view RUN                     the policies act in a browser
+python -m crsfd_jax.view RUN --video out.mp4     episodes as a film
+python -m crsfd_jax.view --shape 2 --png out.png   the arm, a peg and its socket
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
-from crsfd_jax import cli, config, validation
+import tyro
+
+from crsfd_jax import cli, config, option_types, shapes, validation
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
+from crsfd_jax.limits import Interval
 from crsfd_jax.report import opengl
 
 
 @dataclass(frozen=True)
 class View:
-    """Draws the arm, a peg and its socket into a picture file."""
+    """Shows the policies of a run in a browser, films them, or draws a task."""
 
-    shape: str = config.Config.shape
-    """Digit of the peg and its socket: 0, 1, 2, 3 or 4."""
-    shift: config.Length = config.Config.shift
-    """Side of the square of socket offsets; the socket is drawn in a corner of it."""
+    run: tyro.conf.Positional[str] = ""
+    """Folder of the run to watch or film; without one, a picture of the task is drawn."""
+    shape: option_types.Shape | None = None
+    """Peg and socket: 0, 1, 2, 3, 4 or a text file with a grid of # and . for cells; the run's own
+    if not given, or 2."""
+    shift: Annotated[config.Length, Interval(0, 0.02)] | None = None
+    """Side of the square of socket offsets, such as 8mm; the run's own if not given, or 0."""
     png: str = "scene.png"
-    """File to write."""
+    """Picture to write when no run is given; the socket is drawn in a corner of the square."""
+    video: str = ""
+    """Film of the run to write, .mp4 or .gif, instead of the browser."""
+    episodes: Annotated[int, Interval(1, 1000)] = 3
+    """Episodes in the film."""
+    host: str = "127.0.0.1"
+    """Address to serve the page on; 0.0.0.0 shows it to the whole network."""
+    port: Annotated[int, Interval(1, 65_535)] = 8080
+    """Port to serve the page on."""
     scene: config.Scene = field(default_factory=config.Scene)
+    """For the picture without a run."""
 
 
 def main(argv: list[str]) -> None:
-    """Writes the picture that a command line asks for.
+    """Shows, films or draws what a command line asks for.
 
     Raises:
-      UserError: an option cannot be used, OpenGL is missing or the file cannot be written.
+      UserError: an option cannot be used, OpenGL or an extra is missing, or a file cannot be
+        written.
     """
     view = cli.parse(View, argv)
-    validation.validate(config.Config(shape=view.shape, shift=view.shift, scene=view.scene))
+    validation.validate(_options(view))
+    if view.shape and view.shape not in (shown := shapes.read(view.shape)):
+        raise UserError(
+            f"--shape: got {view.shape!r}, allowed here: one shape; choose one, such as {shown[0]}"
+        )
+    if view.video and not view.run:
+        raise UserError("--video: got no run to film; write its folder, view RUN --video out.mp4")
+    if not view.run:
+        _draw(view)
+    elif view.video:
+        opengl.platform()
+        from crsfd_jax.viewer import film
+
+        print(film.make(view.run, view.shape, view.shift, view.episodes, Path(view.video)))
+    else:
+        from crsfd_jax.viewer import serve
+
+        serve.watch(view.run, view.shape, view.shift, view.host, view.port)
+
+
+def _options(view: View) -> config.Config:
+    """What is drawn when there is no run."""
+    return config.Config(
+        shape=view.shape or config.Config.shape, shift=view.shift or 0.0, scene=view.scene
+    )
+
+
+def _draw(view: View) -> None:
     opengl.platform()
     # Imported late: a bad command line is answered at once, and mujoco needs its OpenGL known.
     from PIL import Image
 
+    from crsfd_jax import task
     from crsfd_jax.report.overview import overview
     from crsfd_jax.scene.build import build
 
-    scene = build(view.scene)
-    picture = Image.fromarray(overview(scene, scene.shapes.index(view.shape), view.shift))
+    options = _options(view)
+    scene = build(options.scene, task.shapes_known(options))
+    picture = Image.fromarray(overview(scene, scene.shapes.index(options.shape), options.shift))
     try:
         write_atomically(Path(view.png), lambda stream: picture.save(stream, "PNG"))
     except OSError as error:

@@ -51,7 +51,7 @@ def make(breaks_at: float = jnp.inf) -> Env:
             age=jnp.zeros(count, jnp.int32),
         )
 
-    def step(state, action, key):
+    def advance(state, action):
         age = state.age + 1
         finite = state.obs[:, 1] <= breaks_at
         next_obs = state.obs.at[:, 0].add(1.0)
@@ -66,15 +66,18 @@ def make(breaks_at: float = jnp.inf) -> Env:
             finite=finite,
             tip=state.tip,
         )
-        over = terminated | truncated | ~finite
-        fresh, going = reset(key, len(over)), state.replace(obs=next_obs, age=age)
+        return state.replace(obs=next_obs, age=age), outcome
+
+    def step(state, action, key):
+        going, outcome = advance(state, action)
+        over = outcome.terminated | outcome.truncated | ~outcome.finite
 
         def pick(new, old):
             return jnp.where(over.reshape(over.shape + (1,) * (new.ndim - 1)), new, old)
 
-        return jax.tree.map(pick, fresh, going), outcome
+        return jax.tree.map(pick, reset(key, len(over)), going), outcome
 
-    return Env(reset=reset, step=step, horizon=HORIZON)
+    return Env(reset=reset, step=step, advance=advance, horizon=HORIZON)
 
 
 def preparation(num_demos: int = 6) -> Preparation:

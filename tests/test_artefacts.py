@@ -1,6 +1,7 @@
 """The run folder: one owner, one set of options, and nobody else's files."""
 
 import dataclasses
+import errno
 import json
 import os
 import shutil
@@ -38,6 +39,14 @@ def refusal(*args, **options) -> str:
         enter(*args, **options)
     assert error.value.exit_code == 2
     return str(error.value)
+
+
+def stop_by(path, error) -> str:
+    """The message of an error in the middle of a run, which can go on afterwards."""
+    with pytest.raises(UserError) as stop, open_run(path, Config(), "cpu", []):
+        raise error
+    assert stop.value.exit_code == 75
+    return str(stop.value)
 
 
 def snapshot(folder):
@@ -111,6 +120,58 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, monkeypatch):
 def test_an_error_inside_the_block_is_not_mistaken_for_a_bad_folder(tmp_path):
     with pytest.raises(FileNotFoundError), open_run(tmp_path / "run", Config(), "cpu", []):
         (tmp_path / "elsewhere").read_text()
+
+
+def test_a_disk_that_fails_in_the_middle_of_a_run_stops_it_until_it_is_put_right(tmp_path):
+    for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS):
+        message = stop_by(tmp_path / "run", OSError(number, os.strerror(number)))
+        assert f"cannot be written: {os.strerror(number)}; put it right" in message
+    inside = str(tmp_path / "run" / "metrics.csv")
+    assert "Permission denied" in stop_by(
+        tmp_path / "run", PermissionError(13, "Permission denied", inside)
+    )
+    with pytest.raises(OSError, match="Broken"):
+        stop_by(tmp_path / "run", BrokenPipeError(errno.EPIPE, "Broken pipe"))
+
+
+def test_the_lock_of_a_dead_owner_does_not_count_even_if_its_number_lives_on(tmp_path):
+    enter(tmp_path / "run")
+    (tmp_path / "run" / ".lock").write_text(f"process {os.getpid()} on here since 2026-01-01")
+    enter(tmp_path / "run")
+    assert (tmp_path / "run" / ".lock").read_text().startswith(f"process {os.getpid()} on ")
+
+
+def test_what_a_killed_process_left_half_written_is_removed(tmp_path):
+    enter(tmp_path / "run")
+    (tmp_path / "run" / ".metrics.csv.x7_a.tmp").write_text("half")
+    (tmp_path / "run" / "notes.tmp").write_text("mine")
+    enter(tmp_path / "run")
+    assert not (tmp_path / "run" / ".metrics.csv.x7_a.tmp").exists()
+    assert (tmp_path / "run" / "notes.tmp").exists()
+
+
+def test_the_engine_and_the_target_may_change_when_a_run_goes_on(tmp_path, caplog):
+    enter(tmp_path / "run", device="2 cores, engine native")
+    changed = Config(engine="mjx", target=0.9)
+    enter(tmp_path / "run", changed, device="2 cores, engine mjx")
+    assert "not bit-equal from here on: 2 cores, engine native, now 2 cores, engine mjx" in (
+        caplog.text
+    )
+    assert artefacts.read_config(tmp_path / "run") == changed
+
+
+def test_an_option_that_the_folder_does_not_know_yet_had_its_default(tmp_path):
+    enter(tmp_path / "run")
+    file = tmp_path / "run" / "config.json"
+    manifest = json.loads(file.read_text())
+    del manifest["config"]["target"], manifest["config"]["seeds"]
+    file.write_text(json.dumps(manifest))
+    assert artefacts.read_config(tmp_path / "run") == Config()
+    assert "seeds 5 -> 6" in refusal(tmp_path / "run", Config(seeds=6))
+    enter(tmp_path / "run")
+    manifest["config"]["colour"] = "red"
+    file.write_text(json.dumps(manifest))
+    assert "colour are unknown to this version" in refusal(tmp_path / "run")
 
 
 def test_a_disk_without_room_for_the_checkpoints_is_refused(tmp_path, monkeypatch):

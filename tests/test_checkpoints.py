@@ -1,5 +1,8 @@
 """Checkpoints: bit-exact, and a damaged one is never taken for a good one."""
 
+import hashlib
+import json
+import os
 import shutil
 
 import jax
@@ -163,3 +166,32 @@ def test_a_failed_save_is_one_error_and_the_older_checkpoint_stays(folder, monke
     assert [entry.name for entry in folder.iterdir()] == ["1"]
     restored = checkpoints.restore(folder, {"x": jnp.zeros(3)})
     assert restored is not None and restored.state["x"].tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        *("[]", "3", "{}", '{"leaves": 3}', '{"leaves": {"a": 1}}', '{"extra": 7}', "{"),
+        '{"leaves": {"[\'x\']": {"type": "key<fry>[]", "implementation": "os", "sha256": "0"}}}',
+    ],
+)
+def test_a_forged_description_with_a_right_digest_can_do_no_more_than_be_refused(folder, body):
+    checkpoints.save(folder, 1, {"x": jax.random.key(0)}, {})
+    file = folder / "1" / "_CHECKPOINT_METADATA"
+    description = json.loads(file.read_text())
+    sha256 = hashlib.sha256(body.encode()).hexdigest()
+    description["custom_metadata"] = {"body": body, "sha256": sha256}
+    file.write_text(json.dumps(description))
+    with pytest.raises(UserError):
+        checkpoints.restore(folder, {"x": jax.random.key(0)})
+
+
+def test_the_order_of_checkpoints_is_that_of_their_steps_whatever_the_clock_says(folder):
+    for step in (1, 2, 3):
+        checkpoints.save(folder, step, {"x": jnp.full(3, step)}, {})
+        past = 2_000_000_000 - 10**8 * step
+        for entry in (folder / str(step), *(folder / str(step)).rglob("*")):
+            os.utime(entry, (past, past))
+    assert sorted(entry.name for entry in folder.iterdir()) == ["2", "3"]
+    restored = checkpoints.restore(folder, {"x": jnp.zeros(3, int)})
+    assert restored is not None and restored.step == 3

@@ -3,10 +3,12 @@
 import dataclasses
 import io
 import json
+import os
 import pickle
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -126,6 +128,15 @@ BAD_ARRAYS = {
     "inf": (changed("start_qpos", (1, slice(0, 2)), np.inf), "2 non-finite values, first at st"),
     "loud action": (changed("action", (4, 0), 1.5), "action outside [-1, 1], first 1.5 at act"),
     "negative reward": (changed("reward", 1, -1), "reward outside [0, 1], first -1 at reward[1]"),
+    "millimetres": (
+        changed("socket_offset", (0, 1), 4),
+        "socket_offset outside [-0.1, 0.1], first",
+    ),
+    "degrees": (
+        changed("start_qpos", (1, 2), -45),
+        "start_qpos outside [-6.28319, 6.28319], first",
+    ),
+    "unscaled": (changed("next_obs", (3, 0), 40), "next_obs outside [-10, 10], first 40 at next_o"),
     "double": ({"obs": np.zeros((5, OBS))}, "obs is float64, expected float32"),
     "big endian": ({"obs": np.zeros((5, OBS), ">f4")}, "obs is >f4, expected float32"),
     "float flag": ({"terminated": np.zeros(5, FLOAT)}, "terminated is float32, expected bool"),
@@ -209,6 +220,17 @@ def test_what_is_no_npz_file_is_refused(path, tmp_path):
         assert "not a readable .npz file" in refusal(path)
     np.save(tmp_path / "one.npy", np.zeros(3))
     assert "not a readable .npz file" in refusal(tmp_path / "one.npy")
+
+
+def test_links_pipes_and_devices_are_refused_and_never_read(path, tmp_path):
+    dataset.save(path, make_demos())
+    (tmp_path / "link.npz").symlink_to(path)
+    assert f"is a link; give the file itself, {path}" in refusal(tmp_path / "link.npz")
+    (tmp_path / "loop.npz").symlink_to(tmp_path / "loop.npz")
+    assert "is a link" in refusal(tmp_path / "loop.npz")
+    os.mkfifo(tmp_path / "pipe.npz")
+    assert "a device or a pipe" in refusal(tmp_path / "pipe.npz")
+    assert "a device or a pipe" in refusal(Path("/dev/zero"))
 
 
 def test_a_file_cut_short_anywhere_is_refused(path):
@@ -303,10 +325,21 @@ def test_demonstrations_are_readable_without_jax():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=30)
 
 
+BYTES = st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=8)
+PATCHES = (
+    st.sampled_from(["obs", "terminated", "provenance"]),
+    st.binary(max_size=24),
+    st.integers(0, 150),
+)
+
+
 @settings(max_examples=150, deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=8))
+@given(BYTES)
 def test_a_file_with_changed_bytes_loads_or_is_refused(tmp_path_factory, changes):
-    path = tmp_path_factory.mktemp("fuzz") / "demos.npz"
+    check_changed_bytes(tmp_path_factory.mktemp("fuzz") / "demos.npz", changes)
+
+
+def check_changed_bytes(path, changes):
     content = bytearray(VALID if len(changes) % 2 else COMPRESSED)
     for position, byte in changes:
         content[position % len(content)] = byte
@@ -318,15 +351,15 @@ def test_a_file_with_changed_bytes_loads_or_is_refused(tmp_path_factory, changes
 
 
 @settings(max_examples=120, deadline=None)
-@given(
-    st.sampled_from(["obs", "terminated", "provenance"]),
-    st.binary(max_size=24),
-    st.integers(0, 150),
-)
+@given(*PATCHES)
 def test_an_array_with_changed_bytes_and_a_right_checksum_loads_or_is_refused(
     tmp_path_factory, name, patch, position
 ):
     path = tmp_path_factory.mktemp("fuzz") / "demos.npz"
+    check_patched_array(path, name, patch, position)
+
+
+def check_patched_array(path, name, patch, position):
     path.write_bytes(VALID)
     with zipfile.ZipFile(path) as archive:
         array = archive.read(f"{name}.npy")

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from crsfd_jax import shapes
 from crsfd_jax.scene import digits
 
 FOOTPRINT = 0.04
@@ -12,12 +13,12 @@ PIXEL = 0.25e-3
 EXTENT = 0.024
 """m, half width of a raster: the footprint and 4 mm around it."""
 CENTRES = np.arange(-EXTENT + PIXEL / 2, EXTENT, PIXEL)
-ALL = pytest.mark.parametrize("shape", sorted(digits.GRIDS))
+ALL = pytest.mark.parametrize("shape", sorted(shapes.GRIDS))
 
 
 def hole_raster(shape):
     """[nx, ny] bool: x to the right and y upwards on the printed digit."""
-    rows = digits.GRIDS[shape]
+    rows = shapes.GRIDS[shape]
     pitch = FOOTPRINT / 5
     column = np.floor((CENTRES + FOOTPRINT / 2) / pitch).astype(int)
     row = np.floor((FOOTPRINT / 2 - CENTRES) / pitch).astype(int)

@@ -11,13 +11,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 
 from crsfd_jax import config, env
 from crsfd_jax.errors import UserError
 from crsfd_jax.physics import mjx, native, select
-from crsfd_jax.scene import build, kinematics
+from crsfd_jax.scene import build, digits, kinematics
 
 COUNT = 60
 """Environments: five shapes in each of four situations, three times."""
@@ -62,7 +63,9 @@ def mixed(at_rest, around):
     action[SITUATION == WALL] = np.sign(action[SITUATION == WALL])
     action[SITUATION == FREE, 2] = np.abs(action[SITUATION == FREE, 2])
     friction = rng.uniform(0.3, 1.2, COUNT)
-    return at_rest(position, tilt), around(np.arange(COUNT) % 5, offset, friction), action
+    gains = np.where(np.arange(COUNT)[:, None] % 3, rng.uniform(0.8, 1.2, (COUNT, 2)), 1.0)
+    surroundings = around(np.arange(COUNT) % 5, offset, friction, gains)
+    return at_rest(position, tilt), surroundings, action
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +134,7 @@ def only(tree, rows):
 
 @pytest.mark.parametrize("shape", range(5))
 def test_a_mixed_batch_equals_separate_runs_of_models_of_one_shape(native_roll, mixed, shape):
-    """Bit by bit: no shape, offset or friction leaks into another environment."""
+    """Bit by bit: no shape, offset, friction or gain leaks into another environment."""
     state, surroundings, _ = mixed
     rows = np.arange(COUNT) % 5 == shape
     alone = native.make(build.build(config.Scene(), (config.SHAPES[shape],)))
@@ -184,6 +187,7 @@ def fallen(engine, at_rest, surroundings):
 def differing(engine, at_rest, around, **changes):
     """bool [N]: whose motion a change of the surroundings of every odd environment alters."""
     same = {"shape": np.zeros(COUNT), "offset": np.zeros((COUNT, 2)), "friction": np.ones(COUNT)}
+    same["gains"] = np.ones((COUNT, 2))
     odd = np.arange(COUNT) % 2 == 1
     mixed = dict(same)
     for name, value in changes.items():
@@ -194,12 +198,59 @@ def differing(engine, at_rest, around, **changes):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"shape": 4}, {"offset": (3e-3, 0.0)}, {"offset": (0.0, -3e-3)}, {"friction": 0.1}]
+    "changes",
+    [
+        {"shape": 4},
+        {"offset": (3e-3, 0.0)},
+        {"offset": (0.0, -3e-3)},
+        {"friction": 0.1},
+        {"gains": (0.3, 1.0)},
+        {"gains": (1.0, 3.0)},
+    ],
 )
-def test_shape_offset_and_friction_change_their_own_environment_only(
+def test_shape_offset_friction_and_gains_change_their_own_environment_only(
     engine, at_rest, around, changes
 ):
     assert differing(engine, at_rest, around, **changes).all()
+
+
+def scaled(scene, stiffness, damping):
+    """The model of a controller with other gains, by its own definition."""
+    model = scene.model.__copy__()
+    stiffness = stiffness * model.actuator_gainprm[:, 0]
+    model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1] = stiffness, -stiffness
+    model.actuator_biasprm[:, 2] *= damping
+    return model
+
+
+@pytest.mark.parametrize("gains", [(1.0, 1.0), (0.5, 1.0), (1.25, 0.5)])
+def test_gains_are_those_of_the_controller_and_set_its_steady_force(
+    scene, at_rest, around, native_engine, gains
+):
+    """A peg that is pressed on the floor of its hole, against MuJoCo alone."""
+    stiffness, depth = np.float32(gains[0]), 6e-3
+    state = at_rest([[0.0, 0.0, -digits.HOLE_DEPTH + 1e-3]])
+    model = scaled(scene, *gains)
+    data = mujoco.MjData(model)
+    data.qpos[:] = state.qpos[0]
+    target = np.array([[0.0, 0.0, -digits.HOLE_DEPTH - depth, 0.0, 0.0, 0.0]], np.float32)
+    data.ctrl[:] = target[0]
+    for _ in range(10):
+        state = native_engine.step(state, around([0], gains=gains), jnp.asarray(target))
+        mujoco.mj_step(model, data, 20)
+        np.testing.assert_allclose(state.qpos[0], data.qpos, atol=2e-6)
+    np.testing.assert_allclose(data.actuator_force[2], -1000 * stiffness * depth, rtol=0.03)
+
+
+def test_no_gains_are_gains_of_one(native_engine, mjx_engine, mixed):
+    state, surroundings, action = mixed
+    target = jnp.asarray(action, jnp.float32) * 0.01
+    ones = native_engine.step(state, surroundings.replace(gains=jnp.ones((COUNT, 2))), target)
+    none = native_engine.step(state, surroundings.replace(gains=None), target)
+    for a, b in zip(jax.tree.leaves(ones), jax.tree.leaves(none), strict=True):
+        np.testing.assert_array_equal(a, b)
+    args = state, surroundings.replace(gains=None), target
+    assert jax.eval_shape(mjx_engine.step, *args).qpos.shape == (COUNT, 7)
 
 
 def test_a_broken_simulation_gives_nan_and_leaves_the_others_bit_equal(engine, mixed):
@@ -273,4 +324,4 @@ def test_warp_agrees_with_native(scene, roll, native_roll, mixed):
     moved, turned = apart(native_roll.tips[-1], rolled.tips[-1])
     assert np.median(moved) < 5e-5 and np.median(turned) < 5e-4
     assert moved[SITUATION == FREE].max() < 5e-6
-    assert moved.max() < 0.75e-3 and turned.max() < 7e-3
+    assert moved.max() < 1e-3 and turned.max() < 1e-2

@@ -38,7 +38,7 @@ def test_a_single_precision_number_survives_the_file(tmp_path_factory, number):
 def test_other_columns_than_the_header_are_refused_and_nothing_is_written(path):
     metrics.append(path, [row(100, 0)])
     before = path.read_bytes()
-    with pytest.raises(ValueError, match="eval/success_rate"):
+    with pytest.raises(UserError, match="columns eval/success_rate, loss are only in"):
         metrics.append(path, [{"env_steps": 200, "seed": 0, "loss": 1.0}])
     assert path.read_bytes() == before
 

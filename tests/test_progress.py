@@ -11,8 +11,10 @@ import pytest
 from crsfd_jax.progress import progress, status_line
 
 NOISY = """
-from crsfd_jax.progress import progress
+from crsfd_jax.progress import progress, say
 
+for _ in range(5000):
+    say("a line")
 with progress(5000, interval_s=0.0) as update:
     for step in range(5000):
         update(step, [0.5])

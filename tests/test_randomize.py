@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from crsfd_jax.randomisation import HELD_OUT, TRAINING, Randomisation
 from crsfd_jax.scene import kinematics, randomize
 
 COUNT = 20_000
@@ -14,8 +15,9 @@ def pool(links):
     return randomize.start_pool(links)
 
 
-def drawn(pool, key=0, shapes=(1, 3, 4), shift=8e-3, friction=(0.5, 1.5)):
-    distribution = randomize.Distribution(pool, shapes, shift, friction)
+def drawn(pool, key=0, shapes=(1, 3, 4), shift=8e-3, friction=(0.5, 1.5), **arm):
+    arm = Randomisation(friction=friction, **arm)
+    distribution = randomize.Distribution(pool, shapes, shift, 1.0, arm)
     return randomize.draw(distribution, jax.random.key(key), COUNT)
 
 
@@ -85,3 +87,60 @@ def test_equal_keys_draw_equal_episodes_and_others_do_not(pool):
         np.testing.assert_array_equal(a, b)
     assert not np.array_equal(first[1].socket_offset, other[1].socket_offset)
     assert not np.array_equal(first[0].qpos, other[0].qpos)
+
+
+def test_friction_is_a_factor_of_the_nominal_one(pool):
+    distribution = randomize.Distribution(pool, (0,), 0.0, 0.3, Randomisation(friction=(1.0, 2.0)))
+    friction = np.asarray(randomize.draw(distribution, jax.random.key(0), COUNT)[1].friction)
+    assert friction.min() >= 0.3 and friction.max() <= 0.6
+    np.testing.assert_allclose(friction.mean(), 0.45, atol=0.005)
+
+
+def test_by_default_the_arm_is_its_model(pool):
+    around = drawn(pool, friction=(1.0, 1.0))[1]
+    assert (around.friction == 1.0).all()
+    assert around.gains is around.encoder_offset is around.is_delayed is around.noise_seed is None
+
+
+@pytest.mark.parametrize(
+    "ends", [(0.9, 1.1), (0.6, 1.0, 2.0, 2.4), (-3.0, -2.0, 0.0, 0.5, 1.0, 2.5)]
+)
+def test_ranges_are_drawn_from_as_often_as_they_are_wide(ends):
+    values = np.asarray(randomize.uniform(jax.random.key(0), (COUNT,), ends))
+    low, high = np.array(ends[::2], np.float32), np.array(ends[1::2], np.float32)
+    for a, b in zip(low, high, strict=True):
+        inside = values[(values >= a) & (values <= b)]
+        share = (b - a) / (high - low).sum()
+        np.testing.assert_allclose(len(inside) / COUNT, share, atol=0.02)
+        np.testing.assert_allclose(inside.mean(), (a + b) / 2, atol=0.02 * (b - a))
+        np.testing.assert_allclose(inside.std(), (b - a) / np.sqrt(12), rtol=0.03)
+    assert all(((v >= low) & (v <= high)).any() for v in values[:2000])
+
+
+def test_a_range_of_one_number_gives_that_number():
+    assert (randomize.uniform(jax.random.key(0), (9,), (0.7, 0.7)) == np.float32(0.7)).all()
+
+
+def test_each_effect_is_drawn_for_itself_and_leaves_the_others_as_they_were(pool):
+    plain, arm = drawn(pool), {k: v for k, v in vars(TRAINING).items() if k != "friction"}
+    state, around = drawn(pool, **arm)
+    extra = [around.gains, around.encoder_offset, around.is_delayed, around.noise_seed]
+    gains, offset, is_delayed, seed = map(np.asarray, extra)
+    np.testing.assert_array_equal(state.qpos, plain[0].qpos)
+    for name in ("shape", "socket_offset", "friction"):
+        np.testing.assert_array_equal(getattr(around, name), getattr(plain[1], name))
+    columns = (
+        *(state.qpos[:, 0], around.friction, *around.socket_offset.T, *gains.T),
+        *(*offset.T, is_delayed, seed.astype(float)),
+    )
+    assert np.abs(np.corrcoef(columns) - np.eye(len(columns))).max() < 0.03
+    np.testing.assert_allclose(is_delayed.mean(), 0.5, atol=0.02)
+    assert len(np.unique(seed)) > COUNT - 10
+
+
+def test_the_held_out_ranges_share_nothing_with_those_of_training():
+    for name in ("friction", "stiffness", "damping", "encoder_offset"):
+        (low, high), ends = getattr(TRAINING, name), getattr(HELD_OUT, name)
+        assert all(b <= low or a >= high for a, b in zip(ends[::2], ends[1::2], strict=True)), name
+    assert HELD_OUT.position_noise > TRAINING.position_noise > 0
+    assert HELD_OUT.rotation_noise > TRAINING.rotation_noise > 0

@@ -48,7 +48,7 @@ def read(state, draw, gamma=GAMMA):
 
 def at_rows(state, step, row_numbers, config=CONFIG):
     """A draw of the given rows, as if chance had picked them."""
-    window, alive = replay._follow(state, step, jnp.asarray(row_numbers), config.n_step)
+    window, alive = replay.follow(state, step, jnp.asarray(row_numbers), config.n_step)
     return replay.Draw(rows=window, alive=alive, weight=jnp.ones(len(row_numbers)))
 
 
@@ -103,7 +103,7 @@ def test_no_empty_row_is_drawn_out_of_three_hundred_thousand():
     priority = np.abs(rng.standard_cauchy(size)) ** 0.6 * (rng.random(size) < 0.3)
     priority[:50_000] = 0.0
     state = with_priority(priority)
-    pick = jax.jit(lambda key: replay._draw_rows(state.priority, key, (500_000,)))
+    pick = jax.jit(lambda key: replay.draw_rows(state.priority, key, (500_000,)))
     picks = np.concatenate([np.asarray(pick(jax.random.key(i))) for i in range(2)])
     assert picks.max() < size
     assert (priority[picks] > 0).all()

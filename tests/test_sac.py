@@ -159,7 +159,7 @@ def check_slope(loss, params):
 def test_target_critic_moves_towards_the_new_critic_by_tau(agent, tau):
     config = dataclasses.replace(CONFIG, sac=dataclasses.replace(CONFIG.sac, tau=tau))
     gradients = (agent.actor, agent.critic, agent.log_alpha)
-    new = jax.jit(sac._apply, static_argnums=2)(agent, gradients, config)
+    new = jax.jit(sac.apply_gradients, static_argnums=2)(agent, gradients, config)
     leaves = (jax.tree.leaves(x) for x in (new.target_critic, agent.target_critic, new.critic))
     for moved, target, critic in zip(*leaves, strict=True):
         np.testing.assert_allclose(moved, (1 - tau) * target + tau * critic, atol=1e-6)

@@ -4,14 +4,16 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from crsfd_jax import artefacts, metrics
-from crsfd_jax.config import Config, to_dict
+from crsfd_jax import artefacts, cli, metrics
+from crsfd_jax.config import Config, smoke_sized, to_dict
 from crsfd_jax.program import CHUNK_STEPS, evaluation_period, fitted, total_steps
+from crsfd_jax.sweeps import state
 
 OPTIONS = ("--smoke", "--shape", "3", "--shift", "4mm")
 
@@ -77,11 +79,26 @@ def test_a_finished_run_says_so_again(whole):
     assert "resumed at 4096 of 4096" in out and "compiling" not in out
 
 
+def test_a_target_decides_the_exit_code_and_may_change(whole):
+    code, out, _ = finished("train", *OPTIONS, "--out", whole, "--target", "1")
+    assert code == 1
+    assert out.splitlines()[-1].endswith("target 1 missed")
+    assert finished("train", *OPTIONS, "--out", whole)[0] == 0
+
+
+def test_a_sweep_sees_which_run_is_finished(whole):
+    config = smoke_sized(cli.parse(Config, OPTIONS))
+    assert state.is_finished(whole, config)
+    assert not state.is_finished(whole, replace(config, seed=7))
+
+
 def test_other_options_do_not_touch_a_run(whole):
     before = (whole / "metrics.csv").read_bytes()
     code, _, err = finished("train", *OPTIONS, "--seed", "7", "--out", whole)
     assert code == 2
     assert len(err.strip().splitlines()) == 1 and "seed 0 -> 7" in err
+    code, _, err = finished("train", *OPTIONS, "--sac.hidden", "64", "--out", whole)
+    assert code == 2 and "sac.hidden [128, 128] -> [64]" in err
     assert (whole / "metrics.csv").read_bytes() == before
 
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crsfd_jax import config, view
+from crsfd_jax import config, shapes, view
 from crsfd_jax.errors import UserError
 from crsfd_jax.report import opengl, picture, video
-from crsfd_jax.scene import build, digits, kinematics
+from crsfd_jax.scene import build, kinematics
 
 SCENE = build.build(config.Scene())
 YELLOW = (255, 214, 64)
@@ -59,7 +59,7 @@ def test_the_hole_reads_as_its_digit_from_above(shape):
     centres = (np.arange(5) - 2) * config.Scene().footprint / 5 / metres
     columns, rows = (200 + centres).astype(int), (150 + centres).astype(int)
     dark = image[np.ix_(rows, columns)].sum(axis=-1) < 100
-    assert ["".join(".#"[int(cell)] for cell in row) for row in dark] == list(digits.GRIDS[shape])
+    assert ["".join(".#"[int(cell)] for cell in row) for row in dark] == list(shapes.GRIDS[shape])
 
 
 @needs_opengl

@@ -1,11 +1,12 @@
-"""`python -m crsfd_jax.demos record|info|check`: make and inspect demonstration files."""
+"""`python -m crsfd_jax.demos record|info|check|import|export`: make and inspect demonstrations."""
 
 import dataclasses
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
-from crsfd_jax import cli, config
+from crsfd_jax import cli
+from crsfd_jax.demos.options import Record
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,10 +25,34 @@ class Check:
     """The file, or builtin for the shipped demonstrations."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Import:
+    """Turns demonstrations of another format into a demonstration file."""
+
+    source: tyro.conf.Positional[str]
+    """An HDF5 file in the layout of robomimic, or minari:NAME."""
+    out: str = "imported.npz"
+    """File to write; an existing one is not overwritten."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Export:
+    """Writes a demonstration file in the format of another tool."""
+
+    file: tyro.conf.Positional[str] = "builtin"
+    """The file, or builtin for the shipped demonstrations."""
+    format: Literal["robomimic", "minari"] = "robomimic"
+    """An HDF5 file in the layout of robomimic, or a data set in Minari's local store."""
+    out: str = ""
+    """File to write, or name of the data set; demos.hdf5 or crsfd/demos-v0 if not given."""
+
+
 Command = (
-    Annotated[config.Record, tyro.conf.subcommand("record")]
+    Annotated[Record, tyro.conf.subcommand("record")]
     | Annotated[Info, tyro.conf.subcommand("info")]
     | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[Import, tyro.conf.subcommand("import")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
 )
 
 
@@ -36,10 +61,14 @@ def run(argv: list[str]) -> int:
     command = cli.parse(Command, argv)  # pyright: ignore[reportArgumentType]
     from crsfd_jax.demos import commands
 
-    if isinstance(command, config.Record):
+    if isinstance(command, Record):
         return commands.record_file(command, " ".join(["python -m crsfd_jax.demos", *argv]))
     if isinstance(command, Info):
         return commands.show(command.file)
+    if isinstance(command, Import):
+        return commands.import_demos(command.source, command.out)
+    if isinstance(command, Export):
+        return commands.export_demos(command.file, command.format, command.out)
     return commands.check(command.file)
 
 

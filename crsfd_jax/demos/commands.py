@@ -7,18 +7,17 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from crsfd_jax import config
-from crsfd_jax.demos import builtin, dataset, record, replay
-from crsfd_jax.demos.provenance import Provenance
+from crsfd_jax.demos import builtin, dataset, exchange, record, replay
+from crsfd_jax.demos.options import Record
+from crsfd_jax.demos.provenance import Provenance, obs_layout
 from crsfd_jax.errors import UserError
-from crsfd_jax.observation import OBSERVATION
 from crsfd_jax.physics.interface import CONTROL_DT
 
 _PACKAGES = ("crsfd-jax", "jax", "mujoco", "numpy")
 _TRIALS = 200
 
 
-def record_file(options: config.Record, command: str) -> int:
+def record_file(options: Record, command: str) -> int:
     """Trains the expert, records it and writes the file."""
     if Path(options.out).exists():
         raise UserError(
@@ -60,6 +59,19 @@ def show(name: str) -> int:
     return 0
 
 
+def import_demos(source: str, out: str) -> int:
+    """Writes a demonstration file from another format."""
+    print(dataset.describe(exchange.import_file(source, out)))
+    print(f"written to {out}; python -m crsfd_jax.demos check {out} replays it")
+    return 0
+
+
+def export_demos(name: str, form: str, out: str) -> int:
+    """Writes another format from a demonstration file."""
+    print(f"written to {exchange.export_file(name, form, out)}")
+    return 0
+
+
 def check(name: str) -> int:
     """Replays a file; 1 if an episode that the file calls successful does not insert."""
     played = replay.replay(builtin.load(name))
@@ -72,20 +84,14 @@ def check(name: str) -> int:
     return 1 if lost else 0
 
 
-def _provenance(
-    options: config.Record, expert: record.Expert, rate: float, command: str
-) -> Provenance:
+def _provenance(options: Record, expert: record.Expert, rate: float, command: str) -> Provenance:
     mdp = options.mdp
     return Provenance(
         shape=options.shape,
         clearance_m=options.scene.clearance,
         shift_m=0.0,
         control_dt_s=CONTROL_DT,
-        obs_layout=[
-            [f"{name}_{i}", f"{unit}, divided by {scale:g}"]
-            for name, size, unit, scale in OBSERVATION
-            for i in range(size)
-        ],
+        obs_layout=obs_layout(),
         action_scale=[mdp.translation_scale] * 3 + [mdp.rotation_scale] * 3,
         expert=f"SAC under a dense reward, {expert.env_steps} environment steps",
         expert_success_rate=rate,

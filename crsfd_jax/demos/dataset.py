@@ -3,7 +3,7 @@
 A file holds these arrays and no others; N transitions, K episodes, O and A the sizes of
 observation and action. Nothing is ever unpickled.
 
-    obs             [N, O] float32   before the action
+    obs             [N, O] float32   before the action, scaled and clipped
     action          [N, A] float32   in [-1, 1]
     reward          [N] float32      sparse: in [0, 1]
     next_obs        [N, O] float32   after the action
@@ -25,9 +25,19 @@ from crsfd_jax import npz
 from crsfd_jax.demos.provenance import Provenance, from_json, to_json
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
+from crsfd_jax.observation import CLIP
 
 ARM_JOINTS = 7
 MAX_BYTES = 64 * 2**20
+RANGES = {
+    "obs": (-CLIP, CLIP),
+    "next_obs": (-CLIP, CLIP),
+    "action": (-1.0, 1.0),
+    "reward": (0.0, 1.0),
+    "start_qpos": (-2 * np.pi, 2 * np.pi),
+    "socket_offset": (-0.1, 0.1),
+}
+"""Field -> smallest and largest value; degrees and millimetres fall outside."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,13 +167,13 @@ def _check_values(demos: Demonstrations) -> None:
         bad = np.argwhere(~np.isfinite(getattr(demos, name)))
         if len(bad):
             raise UserError(f"{len(bad)} non-finite values, first at {name}{bad[0].tolist()}")
-    for name, low, high in (("action", -1, 1), ("reward", 0, 1)):
+    for name, (low, high) in RANGES.items():
         array = getattr(demos, name)
         bad = np.argwhere((array < low) | (array > high))
         if len(bad):
             raise UserError(
-                f"{len(bad)} values of {name} outside [{low}, {high}], first "
-                f"{array[tuple(bad[0])]:g} at {name}{bad[0].tolist()}"
+                f"{len(bad)} values of {name} outside [{low:g}, {high:g}], first "
+                f"{array[tuple(bad[0])]:g} at {name}{bad[0].tolist()}; check its unit"
             )
 
 

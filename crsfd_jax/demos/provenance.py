@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from crsfd_jax.errors import UserError
+from crsfd_jax.observation import OBSERVATION
 
 SCHEMA = 1
 
@@ -40,6 +41,15 @@ class Provenance:
     """Package name -> version."""
     date: str
     """ISO 8601."""
+
+
+def obs_layout() -> list[list[str]]:
+    """A [name, unit] for each column of this package's observations."""
+    return [
+        [f"{name}_{i}", f"{unit}, divided by {scale:g}"]
+        for name, size, unit, scale in OBSERVATION
+        for i in range(size)
+    ]
 
 
 def to_json(provenance: Provenance) -> str:

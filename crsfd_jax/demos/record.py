@@ -10,6 +10,7 @@ import numpy as np
 from crsfd_jax import algorithms, chunk, config, evaluation, task, train_step
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.demos.expert import dense_reward
+from crsfd_jax.demos.options import Record
 from crsfd_jax.env import Env, sparse_reward
 from crsfd_jax.learn.networks import Actor, Networks, Params, apply
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
@@ -51,7 +52,7 @@ def no_demonstrations() -> Transition:
     )
 
 
-def train_expert(options: config.Record, report=lambda env_steps, success: None) -> Expert:
+def train_expert(options: Record, report=lambda env_steps, success: None) -> Expert:
     """Trains SAC under the dense reward until it succeeds, or until its steps are used up.
 
     Args:
@@ -78,7 +79,7 @@ def train_expert(options: config.Record, report=lambda env_steps, success: None)
     return Expert(nets=learner.nets, actor=actor, success_rate=success, env_steps=step * run.envs)
 
 
-def play(options: config.Record, expert: Expert, key: jax.Array, count: int) -> Episodes:
+def play(options: Record, expert: Expert, key: jax.Array, count: int) -> Episodes:
     """Plays `count` whole episodes with the expert's noise scaled up, all of them kept."""
     env = task.make_env(_training_options(options), sparse_reward)
     reset_key, key = jax.random.split(key)
@@ -115,7 +116,7 @@ def _roll(env: Env, actor: Actor, params: Params, start, noise: float, key: jax.
     return jax.lax.scan(body, (start, running), jax.random.split(key, env.horizon))[1]
 
 
-def _training_options(options: config.Record) -> config.Config:
+def _training_options(options: Record) -> config.Config:
     """The expert learns without demonstrations; its buffer holds all of its experience."""
     return config.Config(
         shape=options.shape,

@@ -52,7 +52,7 @@ class Critic(nn.Module):
     """Ensemble of Q functions with a leading member axis [N, ...] on the values."""
 
     hidden: tuple[int, ...]
-    num_critics: int = 2
+    num_critics: int
 
     @nn.compact
     def __call__(self, obs: jax.Array, action: jax.Array) -> jax.Array:
@@ -74,8 +74,9 @@ class Networks(NamedTuple):
 
 
 def make_networks(sac: config.Sac, action_size: int) -> Networks:
-    """Networks with the hidden widths of the configuration."""
-    return Networks(Actor(tuple(sac.hidden), action_size), Critic(tuple(sac.hidden)))
+    """Networks with the hidden widths and the number of critics of the configuration."""
+    hidden = tuple(sac.hidden)
+    return Networks(Actor(hidden, action_size), Critic(hidden, sac.critics))
 
 
 def apply(module: nn.Module, params: Params, *inputs: jax.Array) -> Any:

@@ -132,8 +132,8 @@ def draw(
     The importance weight (N P)^-b over its maximum in the batch is (p / min p)^-b for
     P = p / sum p: the number of rows N and the sum cancel. Some row must have a priority.
     """
-    rows = _draw_rows(state.priority, key, shape)
-    window, alive = _follow(state, step, rows, replay.n_step)
+    rows = draw_rows(state.priority, key, shape)
+    window, alive = follow(state, step, rows, replay.n_step)
     priority = state.priority[rows]
     weight = (priority / priority.min(axis=-1, keepdims=True)) ** -replay.importance_exponent
     return Draw(rows=window, alive=alive, weight=weight)
@@ -177,7 +177,7 @@ def reprioritise(
     )
 
 
-def _draw_rows(priority: jax.Array, key: jax.Array, shape: tuple[int, int]) -> jax.Array:
+def draw_rows(priority: jax.Array, key: jax.Array, shape: tuple[int, int]) -> jax.Array:
     """Draws rows in proportion to their priority: a block first, then a row inside it.
 
     Two levels, each with its own random number: one float32 cumulative sum over 3e5 rows is
@@ -202,7 +202,7 @@ def _pick(mass: jax.Array, uniform: jax.Array) -> jax.Array:
     return jnp.searchsorted(cumulative, argument, side="right")
 
 
-def _follow(
+def follow(
     state: ReplayState, step: jax.Array, rows: jax.Array, length: int
 ) -> tuple[jax.Array, jax.Array]:
     """Rows [..., length] from `rows` on in time, and which belong to the same episode."""

@@ -9,6 +9,7 @@ the mix of 1-step and n-step losses.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import cast
 
 import chex
@@ -20,6 +21,11 @@ import optax
 from crsfd_jax.config import Config
 from crsfd_jax.learn.networks import Networks, Params, apply, sample_action
 from crsfd_jax.learn.replay import Backup, Batch
+
+Value = Callable[..., jax.Array]
+"""(networks, agent, obs [..., O], key) -> value [...] of the observations."""
+Pool = Callable[..., jax.Array]
+"""(values [N, ...], axis=0) -> values [...], such as jnp.min or jnp.mean."""
 
 
 @flax.struct.dataclass(kw_only=True)
@@ -49,25 +55,43 @@ def init(networks: Networks, obs_size: int, key: jax.Array, config: Config) -> A
     )
 
 
+def soft_value(networks: Networks, agent: AgentState, obs: jax.Array, key: jax.Array) -> jax.Array:
+    """min_j Q'_j(s, a) - alpha log pi(a|s) [...] for obs [..., O], a drawn from the policy."""
+    action, log_prob = sample_action(networks.actor, agent.actor, obs, key)
+    q = apply(networks.critic, agent.target_critic, obs, action)
+    return jnp.min(q, axis=0) - jnp.exp(agent.log_alpha) * log_prob
+
+
 def update(
-    networks: Networks, agent: AgentState, batch: Batch, key: jax.Array, config: Config
+    networks: Networks,
+    agent: AgentState,
+    batch: Batch,
+    key: jax.Array,
+    config: Config,
+    value: Value = soft_value,
+    pool: Pool = jnp.min,
 ) -> tuple[AgentState, jax.Array, dict[str, jax.Array]]:
     """One gradient step on a batch [B].
+
+    Args:
+      value: what the targets bootstrap from.
+      pool: reduces the critics' values of an action to the one that the actor raises.
 
     Returns:
       The new agent, the td_error [B] for the priorities, and scalar metrics.
     """
     target_key, actor_key = jax.random.split(key)
-    targets, target_weights = _targets(networks, agent, batch, target_key, config)
+    backup, target_weights = _backups(batch, config)
+    targets = bootstrap_targets(networks, agent, backup, config.sac.gamma, target_key, value)
     (critic_value, (td_error, q)), critic_grad = jax.value_and_grad(critic_loss, has_aux=True)(
         agent.critic, networks, batch, targets, target_weights
     )
     alpha = jnp.exp(agent.log_alpha)
     (actor_value, log_prob), actor_grad = jax.value_and_grad(actor_loss, has_aux=True)(
-        agent.actor, networks, agent, batch, actor_key
+        agent.actor, networks, agent, batch, actor_key, pool
     )
     alpha_grad = jax.grad(temperature_loss)(agent.log_alpha, log_prob, config.sac.target_entropy)
-    agent = _apply(agent, (actor_grad, critic_grad, alpha_grad), config)
+    agent = apply_gradients(agent, (actor_grad, critic_grad, alpha_grad), config)
     metrics = {
         "critic_loss": critic_value,
         "actor_loss": actor_value,
@@ -99,11 +123,16 @@ def critic_loss(
 
 
 def actor_loss(
-    actor: Params, networks: Networks, agent: AgentState, batch: Batch, key: jax.Array
+    actor: Params,
+    networks: Networks,
+    agent: AgentState,
+    batch: Batch,
+    key: jax.Array,
+    pool: Pool = jnp.min,
 ) -> tuple[jax.Array, jax.Array]:
-    """mean_i w_i [alpha log pi(a|s_i) - min_j Q_j(s_i, a)], and log pi [B]."""
+    """mean_i w_i [alpha log pi(a|s_i) - pool_j Q_j(s_i, a)], and log pi [B]."""
     action, log_prob = sample_action(networks.actor, actor, batch.obs, key)
-    q = jnp.min(apply(networks.critic, agent.critic, batch.obs, action), axis=0)
+    q = pool(apply(networks.critic, agent.critic, batch.obs, action), axis=0)
     loss = jnp.mean(batch.weight * (jnp.exp(agent.log_alpha) * log_prob - q))
     return loss, log_prob
 
@@ -114,29 +143,29 @@ def temperature_loss(log_alpha: jax.Array, log_prob: jax.Array, target_entropy: 
 
 
 def bootstrap_targets(
-    networks: Networks, agent: AgentState, backup: Backup, gamma: float, key: jax.Array
+    networks: Networks,
+    agent: AgentState,
+    backup: Backup,
+    gamma: float,
+    key: jax.Array,
+    value: Value = soft_value,
 ) -> jax.Array:
-    """r + gamma^m (1 - terminated) [min_j Q'_j(s', a') - alpha log pi(a'|s')], a' fresh."""
-    action, log_prob = sample_action(networks.actor, agent.actor, backup.next_obs, key)
-    q = apply(networks.critic, agent.target_critic, backup.next_obs, action)
-    value = jnp.min(q, axis=0) - jnp.exp(agent.log_alpha) * log_prob
-    return backup.reward + gamma**backup.length * jnp.where(backup.terminated, 0.0, value)
+    """r + gamma^m (1 - terminated) V(s')."""
+    after = value(networks, agent, backup.next_obs, key)
+    return backup.reward + gamma**backup.length * jnp.where(backup.terminated, 0.0, after)
 
 
-def _targets(
-    networks: Networks, agent: AgentState, batch: Batch, key: jax.Array, config: Config
-) -> tuple[jax.Array, jax.Array]:
-    """Targets [K, B] and their loss weights [K]; both bootstraps share one forward pass."""
+def _backups(batch: Batch, config: Config) -> tuple[Backup, jax.Array]:
+    """Backups [K, B] and their loss weights [K]; their bootstraps share one forward pass."""
     backups, weights = [batch.one_step], [1.0]
     if config.replay.n_step_weight > 0:
         backups.append(batch.n_step)
         weights.append(config.replay.n_step_weight)
-    backup = jax.tree.map(lambda *leaves: jnp.stack(leaves), *backups)
-    targets = bootstrap_targets(networks, agent, backup, config.sac.gamma, key)
-    return targets, jnp.asarray(weights)
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *backups), jnp.asarray(weights)
 
 
-def _apply(agent: AgentState, gradients: tuple, config: Config) -> AgentState:
+def apply_gradients(agent: AgentState, gradients: tuple, config: Config) -> AgentState:
+    """One optimiser step along the gradients of (actor, critic, log_alpha)."""
     params = (agent.actor, agent.critic, agent.log_alpha)
     updates, optimiser = _optimiser(config).update(gradients, agent.optimiser)
     actor, critic, log_alpha = cast(tuple, optax.apply_updates(params, updates))

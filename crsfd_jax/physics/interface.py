@@ -29,6 +29,14 @@ class Surroundings:
     """[N, 2] m, the socket's place in the plane relative to the nominal one."""
     friction: jax.Array
     """[N] sliding friction coefficient between peg and socket."""
+    gains: jax.Array | None = None
+    """[N, 2] factors on stiffness and damping of the controller; None where they are 1."""
+    encoder_offset: jax.Array | None = None
+    """[N, 7] rad, what the arm reads less its joint angles; None where it is 0."""
+    is_delayed: jax.Array | None = None
+    """[N] bool, actions take effect one control step late; None where none does."""
+    noise_seed: jax.Array | None = None
+    """[N] uint32 seed of an episode's readings; None where they are exact."""
 
 
 class Engine(NamedTuple):

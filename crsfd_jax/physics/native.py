@@ -21,6 +21,7 @@ def make(scene: Scene) -> Engine:
 
     def step(state: PhysicsState, around: Surroundings, setpoint: jax.Array) -> PhysicsState:
         joints = jax.ShapeDtypeStruct(state.qpos.shape, jnp.float32)
+        modelled = jnp.ones((*around.shape.shape, 2), jnp.float32)
         qpos, qvel, warmstart = host_call.call(
             name,
             simulate,
@@ -28,6 +29,7 @@ def make(scene: Scene) -> Engine:
             around.shape,
             around.socket_offset,
             around.friction,
+            modelled if around.gains is None else around.gains,
             state.qpos,
             state.qvel,
             state.warmstart,
@@ -51,12 +53,14 @@ class _Pool:
         self.still = self.batch.state[0].copy()
         self.geometry = {name: self.batch.expand(name) for name in scene.geometry}
         self.friction = self.batch.expand("geom_friction")
+        self.gain, self.bias = map(self.batch.expand, ("actuator_gainprm", "actuator_biasprm"))
         self.shape_now = np.zeros(size, np.int32)
         self.friction_now = np.full(size, np.nan, np.float32)
+        self.gains_now = np.ones((size, 2), np.float32)
         self.substeps = round(CONTROL_DT / scene.model.opt.timestep)
 
-    def set_surroundings(self, shape, offset, friction):
-        """Writes only the model fields that changed: shapes rarely do, friction only at resets."""
+    def set_surroundings(self, shape, offset, friction, gains):
+        """Writes only the model fields that changed: shapes rarely do, others only at resets."""
         changed = np.flatnonzero(shape != self.shape_now)
         if changed.size:
             for name, table in self.scene.geometry.items():
@@ -67,6 +71,12 @@ class _Pool:
             rows = np.ix_(changed, self.scene.part_geoms)
             self.friction[(*rows, 0)] = friction[changed, None]
             self.friction_now[changed] = friction[changed]
+        changed = np.flatnonzero((gains != self.gains_now).any(axis=1))
+        if changed.size:
+            model, factors = self.scene.model, gains[changed, None]
+            self.gain[changed, :, 0] = model.actuator_gainprm[:, 0] * factors[..., 0]
+            self.bias[changed, :, 1:3] = model.actuator_biasprm[:, 1:3] * factors
+            self.gains_now[changed] = gains[changed]
         np.add(self.scene.nominal[:2], offset, out=self.socket[:, :2])
 
     def step(self, motion, setpoint, moved):
@@ -93,8 +103,8 @@ def _simulate(scene, pools, inputs, outputs):
     except IndexError:
         pool = _Pool(scene, size)
     try:
-        pool.set_surroundings(*flat[:3])
-        pool.step(flat[3:6], flat[6], flat[7:])
+        pool.set_surroundings(*flat[:4])
+        pool.step(flat[4:7], flat[7], flat[8:])
     finally:
         free.append(pool)
 

@@ -8,6 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 from crsfd_jax.report.picture import render
 from crsfd_jax.scene.build import Scene, model_of
 from crsfd_jax.scene.kinematics import chain, inverse_kinematics
+from crsfd_jax.shapes import label
 from crsfd_jax.units import format_length
 
 HEIGHT = 900
@@ -45,7 +46,7 @@ def overview(scene: Scene, shape: int, shift: float) -> np.ndarray:
     draw = ImageDraw.Draw(canvas)
     draw.line([(HEIGHT, 0), (HEIGHT, HEIGHT)], "white", 6)
     draw.line([(HEIGHT, half), (HEIGHT + 600, half)], "white", 6)
-    name = scene.shapes[shape]
+    name = label(scene.shapes[shape])
     moved = f", moved by {format_length(shift / 2)} in x and y" if shift else ""
     _label(draw, (24, 20), f"Franka Panda, peg and socket {name}")
     _label(draw, (HEIGHT + 24, half - 44), f"peg {format_length(_LOW)} above mouth")

@@ -1,6 +1,8 @@
 """Off-screen pictures of a scene, on machines with or without a display."""
 
+import contextlib
 import importlib
+from collections.abc import Callable, Iterator
 
 import mujoco
 import numpy as np
@@ -17,15 +19,22 @@ where their faces coincide light and shadow would flicker between them."""
 def render(
     model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int
 ) -> np.ndarray:
-    """Draws what a camera of the model sees.
+    """Draws one picture; see `camera_of`."""
+    with camera_of(model, camera, width, height) as draw:
+        return draw(data)
+
+
+@contextlib.contextmanager
+def camera_of(
+    model: mujoco.MjModel, camera: str, width: int, height: int
+) -> Iterator[Callable[[mujoco.MjData], np.ndarray]]:
+    """A function that draws what a camera of the model sees, for as long as the block lasts.
+
+    It takes data that are up to date, as after mj_forward, and gives uint8 [height, width, 3].
 
     Args:
       model: width and height are at most its offwidth and offheight.
-      data: up to date, as after mj_forward.
       camera: name of a camera.
-
-    Returns:
-      uint8 [height, width, 3].
 
     Raises:
       UserError: no OpenGL works on this machine.
@@ -33,16 +42,20 @@ def render(
     window = importlib.import_module(f"mujoco.{opengl.platform()}").GLContext(width, height)
     window.make_current()
     context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-    try:
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    view = mujoco.MjrRect(0, 0, width, height)
+
+    def draw(data: mujoco.MjData) -> np.ndarray:
         pixels = np.empty((height, width, 3), np.uint8)
-        view = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(view, _drawable(model, data, camera), context)
         mujoco.mjr_readPixels(pixels, None, view, context)
+        return pixels[::-1].copy()
+
+    try:
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+        yield draw
     finally:
         context.free()
         window.free()
-    return pixels[::-1].copy()
 
 
 def _drawable(model, data, camera):

@@ -1,57 +1,97 @@
-"""Success rate of the policies of a run, with its interval, seed by seed."""
+"""Success rate of the policies of a run, with its interval, by seed and by shape."""
 
+import csv
 import dataclasses
+import io
 from pathlib import Path
-from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import artefacts, evaluation, policy, task
+from crsfd_jax import evaluation, policy, shapes, task
+from crsfd_jax.config import Config
+from crsfd_jax.errors import UserError
+from crsfd_jax.files import write_atomically
 from crsfd_jax.learn import networks
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.randomisation import Randomisation
 from crsfd_jax.report.intervals import wilson_interval
 
-
-class Options(NamedTuple):
-    """What to evaluate; None stands for the run's own value."""
-
-    run: str
-    shape: str | None
-    shift: float | None
-    episodes: int
-    seed: int
-    engine: Literal["auto", "native", "mjx", "warp"]
+COLUMNS = ("seed", "shape", "trials", "successes")
 
 
-def report(options: Options) -> None:
-    """Prints a line for each seed and one for all of them."""
-    config = artefacts.read_config(options.run)
-    config = dataclasses.replace(
-        config,
-        shape=options.shape or config.shape,
-        shift=config.shift if options.shift is None else options.shift,
-        engine=options.engine,
-    )
+def report(run: Path, config: Config, episodes: int, seed: int, table: str = "") -> None:
+    """Prints a line for each seed, for each shape if there are several, and for all of them.
+
+    Args:
+      run: folder of the trained policies.
+      config: options of the run, with the task to play.
+      episodes: of each seed, which begin from `seed`.
+      table: file to write a row for each seed and shape to; none if empty.
+
+    Raises:
+      UserError: the folder holds no policies of these options, or the file cannot be written.
+    """
+    played = _play(run, config, episodes, seed)
+    success, length = np.asarray(played.success), np.asarray(played.length)
+    row, known = np.asarray(played.shape), task.shapes_known(config)
+    chosen = [known.index(shape) for shape in shapes.read(config.shape)]
+    print(_describe(config))
+    for i in range(config.seeds):
+        print(f"seed {config.seed + i:<8d} {_line(success[i], length[i])}")
+    for shape in (s for s in chosen if len(chosen) > 1 and (row == s).any()):
+        at = row == shape
+        print(f"shape {shapes.label(known[shape]):<7s} {_line(success[at], length[at])}")
+    print(f"all           {_line(success, length)}")
+    if table:
+        rows = [
+            (config.seed + i, shapes.label(known[shape]), at.sum(), success[i][at].sum())
+            for i in range(config.seeds)
+            for shape in chosen
+            for at in [row[i] == shape]
+        ]
+        _write(Path(table), rows)
+
+
+def _play(run: Path, config: Config, episodes: int, seed: int) -> evaluation.Episodes:
     env = task.make_env(config)
     nets = networks.make_networks(config.sac, ACTION_SIZE)
 
     def start(key):
         return nets.actor.init(key, jnp.zeros(OBS_SIZE))
 
-    keys = jax.random.split(jax.random.key(options.seed), config.seeds)
-    actors = policy.load(Path(options.run), jax.eval_shape(jax.vmap(start), keys))
+    keys = jax.random.split(jax.random.key(seed), config.seeds)
+    actors = policy.load(run, jax.eval_shape(jax.vmap(start), keys))
 
     def play(actor, key):
-        return evaluation.run(env, nets, actor, key, options.episodes)
+        return evaluation.run(env, nets, actor, key, episodes)
 
-    played = jax.jit(jax.vmap(play))(actors, keys)
-    print(f"shape {config.shape}, shift {config.shift * 1e3:g} mm, deterministic policy")
-    success, length = np.asarray(played.success), np.asarray(played.length)
-    for i in range(config.seeds):
-        print(f"seed {config.seed + i:<4d} {_line(success[i], length[i])}")
-    print(f"all       {_line(success, length)}")
+    return jax.jit(jax.vmap(play))(actors, keys)
+
+
+def _describe(config: Config) -> str:
+    names = (field.name for field in dataclasses.fields(Randomisation))
+    drawn = [
+        f"{name.replace('_', ' ')} {' '.join(f'{v:g}' for v in np.atleast_1d(value))}"
+        for name in names
+        if (value := getattr(config.randomisation, name)) != getattr(Randomisation(), name)
+    ]
+    what = f"shape {shapes.label(config.shape)}, shift {config.shift * 1e3:g} mm"
+    return ", ".join([what, *drawn, "deterministic policy"])
+
+
+def _write(path: Path, rows) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([COLUMNS, *rows])
+    try:
+        write_atomically(path, lambda stream: stream.write(text.getvalue().encode()))
+    except OSError as error:
+        raise UserError(
+            f"--csv: got {str(path)!r}, allowed: a file that can be written; choose another "
+            f"({error.strerror})"
+        ) from None
 
 
 def _line(success: np.ndarray, length: np.ndarray) -> str:

@@ -47,13 +47,17 @@ def mjcf_folder() -> Path:
     return installed if installed.is_dir() else installed.parents[1] / "mjcf"
 
 
-@functools.cache
 def build(parts: config.Scene, shapes: tuple[str, ...] = config.SHAPES) -> Scene:
-    """Compiles the scene for a tuple of shapes.
+    """Compiles the scene for a tuple of shapes, once.
 
     Raises:
       ValueError: the compiled models differ in more than the geometry fields.
     """
+    return _build(parts, shapes)
+
+
+@functools.cache
+def _build(parts, shapes):
     solids = [digits.solids(shape, parts.footprint, parts.clearance) for shape in shapes]
     columns = zip(*map(_groups, solids), strict=True)
     counts = tuple(max(len(group) for group in column) for column in columns)

@@ -1,4 +1,4 @@
-"""Digit shapes as pure geometry: a grid of cells becomes peg and socket solids.
+"""Shapes as pure geometry: a grid of cells becomes peg and socket solids.
 
 All coordinates are in the socket frame: x and y in the plane of the mouth, z up, origin in the
 middle of the mouth for the socket and of the tip for the peg. The hole is the union of the cells,
@@ -13,14 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-GRIDS = {
-    "0": ("#####", "#...#", "#...#", "#...#", "#####"),
-    "1": ("..#..", ".##..", "..#..", "..#..", ".###."),
-    "2": ("#####", "....#", "#####", "#....", "#####"),
-    "3": ("#####", "....#", "#####", "....#", "#####"),
-    "4": ("#...#", "#...#", "#####", "....#", "....#"),
-}
-"""Five by five cells each, top row first, as seen from above."""
+from crsfd_jax import shapes
 
 HOLE_DEPTH = 0.030
 """m, mouth to floor."""
@@ -53,18 +46,18 @@ class Solids:
 
 
 def solids(shape: str, footprint: float, clearance: float) -> Solids:
-    """Peg and socket of a digit.
+    """Peg and socket of a shape.
 
     Args:
-      shape: key of GRIDS.
-      footprint: side of the hole's bounding square, m.
+      shape: one of those that `shapes.read` gives.
+      footprint: longer side of the grid, m.
       clearance: width of the hole minus width of the peg, m; negative for a peg too large.
     """
-    cells = _cells(GRIDS[shape])
-    pitch = footprint / len(cells)
+    cells = _cells(shapes.grid(shape))
+    pitch = footprint / max(cells.shape)
     outside = np.pad(~cells, 1, constant_values=True)
-    edges = (np.arange(len(cells) + 1) - len(cells) / 2) * pitch
-    outer = np.concatenate([[-BLOCK_HALF_WIDTH], edges, [BLOCK_HALF_WIDTH]])
+    edges = [(np.arange(n + 1) - n / 2) * pitch for n in cells.shape]
+    outer = [np.concatenate([[-BLOCK_HALF_WIDTH], e, [BLOCK_HALF_WIDTH]]) for e in edges]
     half_gap = clearance / 2
     peg = [_prism(*_extent(r, edges, -half_gap), 0.0, PEG_LENGTH) for r in _cover(cells)]
     socket = [_prism(*_extent(r, outer), -HOLE_DEPTH, 0.0) for r in _cover(outside)]
@@ -130,7 +123,8 @@ def _cover(cells):
 
 def _extent(rectangle, edges, grow=0.0):
     x0, x1, y0, y1 = rectangle
-    return (edges[x0] - grow, edges[x1] + grow), (edges[y0] - grow, edges[y1] + grow)
+    x, y = edges
+    return (x[x0] - grow, x[x1] + grow), (y[y0] - grow, y[y1] + grow)
 
 
 def _prism(x, y, z0, z1):
@@ -159,7 +153,7 @@ def _peg_corners(cells, edges, half_gap):
     inset = half_gap + CORNER_RADIUS
     return np.array(
         [
-            (edges[i] + sx * inset, edges[j] + sy * inset, CORNER_RADIUS)
+            (edges[0][i] + sx * inset, edges[1][j] + sy * inset, CORNER_RADIUS)
             for (i, j), (sx, sy, convex) in _corners(cells).items()
             if convex
         ]
@@ -173,15 +167,16 @@ def _socket_rims(cells, edges):
     each of its two walls, and a wall of one cell between two of them shares one in its middle.
     """
     r, corners, rims = CORNER_RADIUS, _corners(cells), set()
-    pitch = edges[1] - edges[0]
+    pitch = edges[0][1] - edges[0][0]
     for (i, j), (sx, sy, convex) in corners.items():
+        x, y = edges[0][i], edges[1][j]
         if not convex:
-            rims.add((edges[i] + sx * r, edges[j] + sy * r, -r))
+            rims.add((x + sx * r, y + sy * r, -r))
             continue
         alone_x = not corners.get((i + sx, j), (0, 0, False))[2]
         alone_y = not corners.get((i, j + sy), (0, 0, False))[2]
         along_x = _RIM_INSET if alone_x else pitch / 2
         along_y = _RIM_INSET if alone_y else pitch / 2
-        rims.add((edges[i] - sx * r, edges[j] + sy * along_y, -r))
-        rims.add((edges[i] + sx * along_x, edges[j] - sy * r, -r))
+        rims.add((x - sx * r, y + sy * along_y, -r))
+        rims.add((x + sx * along_x, y - sy * r, -r))
     return np.unique(np.round(sorted(rims), 9), axis=0)

@@ -74,6 +74,12 @@ def tip_pose(chain: Chain, qpos: jax.Array) -> tuple[jax.Array, jax.Array, jax.A
     return position, rotation, jacobian
 
 
+def pose(chain: Chain, qpos: jax.Array) -> jax.Array:
+    """[..., 6] position (m) and rotation vector (rad) of the tip in the nominal socket's frame."""
+    position, rotation, _ = tip_pose(chain, qpos)
+    return jnp.concatenate([position, rotation_vector(rotation)], axis=-1)
+
+
 def rotation_vector(rotation: jax.Array) -> jax.Array:
     """Axis times angle of rotation matrices [..., 3, 3] -> [..., 3] rad; angles below pi."""
     skew = jnp.stack(

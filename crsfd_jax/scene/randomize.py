@@ -1,4 +1,4 @@
-"""What is drawn anew for every episode: start pose, socket offset, shape and friction."""
+"""What is drawn for every episode: start pose, socket, shape, what tells the arm from its model."""
 
 from typing import NamedTuple
 
@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from crsfd_jax.physics.interface import PhysicsState, Surroundings
+from crsfd_jax.randomisation import Randomisation
 from crsfd_jax.scene.kinematics import Chain, inverse_kinematics
 
 START_HALF_WIDTH = 0.03
@@ -14,6 +15,8 @@ START_HALF_WIDTH = 0.03
 START_HEIGHT = 0.01
 """m: ... whose bottom is this far above the mouth."""
 _POOL = 4096
+_GAINS, _OFFSET, _DELAY, _NOISE = 1001, 1002, 1003, 1004
+"""Folded into a key; far from small numbers, which give the keys that splitting it gives."""
 
 
 class Distribution(NamedTuple):
@@ -25,8 +28,9 @@ class Distribution(NamedTuple):
     """Rows of the scene's geometry tables, drawn with equal chance."""
     shift: float
     """m, side of the square around the nominal socket in which its offset is uniform."""
-    friction: tuple[float, float]
-    """Lowest and highest sliding friction coefficient."""
+    friction: float
+    """Sliding friction coefficient before its factor."""
+    randomisation: Randomisation = Randomisation()
 
 
 def start_pool(chain: Chain, seed: int = 0, size: int = _POOL) -> np.ndarray:
@@ -48,13 +52,45 @@ def draw(
     pool = jnp.asarray(distribution.start_qpos)
     qpos = pool[jax.random.randint(start_key, (count,), 0, len(pool))]
     half = distribution.shift / 2
-    low, high = distribution.friction
+    factor = uniform(friction_key, (count,), distribution.randomisation.friction)
     shapes = jnp.asarray(distribution.shapes, jnp.int32)
     return (
         PhysicsState(qpos=qpos, qvel=jnp.zeros_like(qpos), warmstart=jnp.zeros_like(qpos)),
         Surroundings(
             shape=shapes[jax.random.randint(shape_key, (count,), 0, len(shapes))],
             socket_offset=jax.random.uniform(offset_key, (count, 2), minval=-half, maxval=half),
-            friction=jax.random.uniform(friction_key, (count,), minval=low, maxval=high),
+            friction=distribution.friction * factor,
+            **_arm(distribution.randomisation, key, count),
         ),
     )
+
+
+def uniform(key: jax.Array, shape: tuple[int, ...], ends: tuple[float, ...]) -> jax.Array:
+    """Draws from one or more ranges, low high low high ..., each as likely as it is wide."""
+    low, high = np.array(ends[::2]), np.array(ends[1::2])
+    before = np.concatenate([[0.0], np.cumsum(high - low)])
+    along = jax.random.uniform(key, shape, maxval=before[-1])
+    which = jnp.searchsorted(jnp.asarray(before[1:-1]), along, side="right")
+    low, high, before = (jnp.asarray(x, jnp.float32)[which] for x in (low, high, before))
+    return jnp.clip(low + (along - before), low, high)
+
+
+def _arm(options: Randomisation, key: jax.Array, count: int) -> dict[str, jax.Array]:
+    """The fields of surroundings that a real arm adds; those that are not asked for stay None."""
+
+    def own(number):
+        return jax.random.fold_in(key, number)
+
+    fields = {}
+    if {*options.stiffness, *options.damping} != {1.0}:
+        ranges = options.stiffness, options.damping
+        keys = jax.random.split(own(_GAINS), len(ranges))
+        drawn = [uniform(k, (count,), ends) for k, ends in zip(keys, ranges, strict=True)]
+        fields["gains"] = jnp.stack(drawn, axis=-1)
+    if any(options.encoder_offset):
+        fields["encoder_offset"] = uniform(own(_OFFSET), (count, 7), options.encoder_offset)
+    if options.delay:
+        fields["is_delayed"] = jax.random.bernoulli(own(_DELAY), options.delay, (count,))
+    if options.position_noise or options.rotation_noise:
+        fields["noise_seed"] = jax.random.bits(own(_NOISE), (count,))
+    return fields

@@ -1,0 +1,23 @@
+"""POfD: SAC on the task's reward plus a share of GAIL's.
+
+Source: Kang, Jie, Feng 2018 (ICML, "Policy optimization with demonstrations"), with the reward of
+gail.py.
+"""
+
+import jax
+
+from crsfd_jax.algorithms import gail
+from crsfd_jax.config import Config
+from crsfd_jax.learn.replay import Draw, ReplayState
+
+WEIGHT = 0.1
+"""lambda_1. Returns of both rewards are of size 1, so imitation is a tenth of the task."""
+
+
+def relabel(judge: gail.Judge, buffer: ReplayState, draw: Draw, config: Config) -> jax.Array:
+    """r + lambda_1 times GAIL's reward, [U, B, n]."""
+    imitation = gail.METHOD.relabel(judge, buffer, draw, config)
+    return buffer.storage.reward[draw.rows] + WEIGHT * imitation
+
+
+METHOD = gail.METHOD._replace(relabel=relabel)

@@ -1,0 +1,62 @@
+"""RS-GM: SACfD shaped by a generative model of the states and actions of the demonstrations.
+
+The reward is r + gamma Phi(s', a') - Phi(s, a) with a' drawn anew at every update, and the actor
+maximises Q'(s, a) + Phi(s, a): with a potential of the action, Q' alone would prefer the wrong
+ones. Both follow, for 1-step and n-step targets and priorities alike, from one change: the
+critic's output becomes Q = Q' + Phi, which is what such shaping amounts to (Wiewiora et al. 2003).
+Phi counts as zero beyond a terminal state, as Q does.
+
+Other than in its source the buffer keeps the demonstrations, so that only the shaping tells this
+method from SACfD and CRSfD; the potential has the width, steps and step size of CRSfD's.
+
+Source: Wu, Mozifian, Shkurti 2021 (arXiv 2011.01298), the potential of a Wasserstein GAN.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from crsfd_jax.algorithms.method import Method, Preparation
+from crsfd_jax.config import Config
+from crsfd_jax.learn import wgan
+from crsfd_jax.learn.networks import Critic, Networks, Params, apply
+
+SPREAD = 0.5
+"""Standard deviation of the noise on half of the foils, in units of an observation."""
+
+
+class ShapedCritic(NamedTuple):
+    """A critic whose network learns what is left of the values beside a potential."""
+
+    critic: Critic
+    potential: wgan.Potential
+
+    def apply(self, params: Params, obs: jax.Array, action: jax.Array) -> jax.Array:
+        """Q [N, ...] = Q' + Phi."""
+        phi = wgan.evaluate(self.potential, _pairs(obs, action))
+        return apply(self.critic, params, obs, action) + phi
+
+
+def prepare(key: jax.Array, preparation: Preparation, config: Config) -> wgan.Potential:
+    """Trains the potential; any action in a demonstrated state, or near one, is a foil."""
+    fit_key, action_key, obs_key = jax.random.split(key, 3)
+    obs, action = preparation.demos.obs, preparation.demos.action
+    any_action = jax.random.uniform(action_key, action.shape, minval=-1.0)
+    is_near = jnp.arange(len(obs))[:, None] % 2 == 1
+    near = obs + SPREAD * is_near * jax.random.normal(obs_key, obs.shape)
+    rows, foils = _pairs(obs, action), _pairs(near, any_action)
+    return wgan.fit(fit_key, rows, foils, config.potential)
+
+
+def networks(potential: wgan.Potential, nets: Networks) -> Networks:
+    """The common networks with the potential in the critic."""
+    critic: Any = ShapedCritic(nets.critic, potential)
+    return nets._replace(critic=critic)
+
+
+def _pairs(obs: jax.Array, action: jax.Array) -> jax.Array:
+    return jnp.concatenate([obs, action], axis=-1)
+
+
+METHOD = Method(prepare=prepare, networks=networks)

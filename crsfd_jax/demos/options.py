@@ -1,0 +1,37 @@
+"""Options of recording demonstrations and their defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from crsfd_jax.config import SHAPES, Mdp, Sac, Scene
+from crsfd_jax.limits import Interval, OneOf
+from crsfd_jax.option_types import Count
+
+
+@dataclass(frozen=True)
+class Record:
+    """Trains an expert with a dense reward and records demonstrations of it."""
+
+    out: str = "demos.npz"
+    """File to write; an existing one is not overwritten."""
+    shape: Annotated[str, OneOf(SHAPES)] = "0"
+    """Digit of the demonstrated task."""
+    episodes: Annotated[int, Interval(1, 10_000)] = 40
+    """Episodes to record; all are kept, whether they succeed or not."""
+    noise: Annotated[float, Interval(0, 100)] = 1.5
+    """Factor on the standard deviation of the expert's policy, which makes it sub-optimal."""
+    seed: Annotated[int, Interval(0, 2_000_000_000)] = 0
+    """Seed of the expert's training and of its noise."""
+    steps: Count = 204_800
+    """Environment steps after which training stops, successful or not."""
+    enough: Annotated[float, Interval(0, 1)] = 0.98
+    """Success rate of the deterministic policy at which training stops."""
+    engine: Literal["auto", "native", "mjx", "warp"] = "auto"
+    """Physics engine; auto is mjx on an accelerator and native on a CPU."""
+    envs: Annotated[int, Interval(1, 65_536)] = 64
+    """Environments."""
+    scene: Scene = field(default_factory=Scene)
+    mdp: Mdp = field(default_factory=Mdp)
+    sac: Sac = field(default_factory=Sac)

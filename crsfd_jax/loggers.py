@@ -1,0 +1,150 @@
+"""The rows of metrics.csv for TensorBoard or Weights & Biases, while they appear.
+
+metrics.csv is the truth: what the tools are given is made from it anew whenever a run starts or
+resumes, so that stops leave neither gaps nor duplicates. Names are those of its columns.
+"""
+
+import contextlib
+import hashlib
+import importlib
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from crsfd_jax import extras, metrics
+
+_NEEDS = {"tensorboard": ("tb", "tensorboardX"), "wandb": ("wandb", "wandb")}
+"""Extra and module of each tool."""
+
+Row = dict[str, float]
+Write = Callable[[Sequence[Row]], None]
+
+
+def require(tool: str) -> None:
+    """Checks that a tool can be used.
+
+    Raises:
+      UserError: its package is missing.
+    """
+    if tool != "none":
+        extras.require(f"--log {tool}", *_NEEDS[tool])
+
+
+@contextlib.contextmanager
+def opened(tool: str, folder: Path, seeds: range) -> Iterator[Callable[[], None]]:
+    """Gives the function that passes on what metrics.csv has gained since its last call.
+
+    Raises:
+      UserError: the tool's package is missing.
+    """
+    if tool == "none":
+        yield lambda: None
+        return
+    require(tool)
+    sink = {"tensorboard": _tensorboard, "wandb": _wandb}[tool]
+    passed = 0
+
+    def update() -> None:
+        nonlocal passed
+        rows = _rows(folder / "metrics.csv")
+        write(rows[passed:])
+        passed = len(rows)
+
+    with sink(folder, seeds) as write:
+        update()
+        yield update
+
+
+def _rows(path: Path) -> list[Row]:
+    if not path.exists():
+        return []
+    table = metrics.read(path)
+    return [
+        dict(zip(table, line, strict=True))
+        for line in zip(*(column.tolist() for column in table.values()), strict=True)
+    ]
+
+
+@contextlib.contextmanager
+def _tensorboard(folder: Path, seeds: range) -> Iterator[Write]:
+    # Not its SummaryWriter: that hands events to a thread, and its flush does not wait for them.
+    from tensorboardX.event_file_writer import EventsWriter
+    from tensorboardX.proto.event_pb2 import Event, SessionLog
+    from tensorboardX.proto.summary_pb2 import Summary
+
+    root, writers = folder / "tensorboard", {}
+    shutil.rmtree(root, ignore_errors=True)
+    for seed in seeds:
+        (root / f"seed{seed}").mkdir(parents=True)
+        writers[seed] = EventsWriter(str(root / f"seed{seed}" / "events"))
+        # A TensorBoard that is looking already shall forget what it has read.
+        writers[seed].write_event(Event(session_log=SessionLog(status=SessionLog.START)))
+    newest = _rows(folder / "metrics.csv")[-1:]
+    began = time.time() - sum(row["time/wall_s"] for row in newest)
+
+    def write(rows: Sequence[Row]) -> None:
+        for row in rows:
+            values = [Summary.Value(tag=n, simple_value=v) for n, v in _values(row).items()]
+            event = Event(
+                wall_time=began + row["time/wall_s"],
+                step=int(row["env_steps"]),
+                summary=Summary(value=values),
+            )
+            writers[int(row["seed"])].write_event(event)
+        for writer in writers.values():
+            writer.flush()
+
+    try:
+        yield write
+    finally:
+        for writer in writers.values():
+            writer.close()
+
+
+@contextlib.contextmanager
+def _wandb(folder: Path, seeds: range) -> Iterator[Write]:
+    wandb = importlib.import_module("wandb")
+
+    # Training never waits for a network: what is kept here can be uploaded with `wandb sync`.
+    mode = os.environ.get("WANDB_MODE", "offline")
+    shutil.rmtree(folder / "wandb", ignore_errors=True)
+    description = json.loads((folder / "config.json").read_bytes())
+    with contextlib.ExitStack() as stack:
+        runs = {
+            seed: stack.enter_context(
+                wandb.init(
+                    project=os.environ.get("WANDB_PROJECT", "crsfd_jax"),
+                    group=folder.name,
+                    name=f"{folder.name}-seed{seed}",
+                    id=_identity(folder.name, description["started"], seed),
+                    config=description["config"] | {"seed": seed},
+                    dir=folder,
+                    mode=mode,
+                    resume="allow",
+                    reinit="create_new",
+                    settings=wandb.Settings(console="off", silent=True),
+                )
+            )
+            for seed in seeds
+        }
+
+        def write(rows: Sequence[Row]) -> None:
+            for row in rows:
+                run, step = runs[int(row["seed"])], int(row["env_steps"])
+                # A run that goes on elsewhere has its first rows already.
+                if step >= run.step:
+                    run.log(_values(row), step=step, commit=True)
+
+        yield write
+
+
+def _values(row: Row) -> Row:
+    return {name: value for name, value in row.items() if name not in metrics.KEY_COLUMNS}
+
+
+def _identity(name: str, started: str, seed: int) -> str:
+    """Same for all parts of a stopped and resumed run, other for one started anew."""
+    return hashlib.sha256(f"{name} {started} {seed}".encode()).hexdigest()[:16]

@@ -1,0 +1,165 @@
+"""Runs of the same method on the same task, put together: a cell of a table."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from crsfd_jax import shapes
+from crsfd_jax.config import Config, to_dict
+from crsfd_jax.report.curves import Curve
+from crsfd_jax.report.methods import WITHOUT_INTERACTION, method_of, rank
+from crsfd_jax.report.runs import Run, flatten
+from crsfd_jax.report.statistics import final
+
+# What a run is told apart by, or what says nothing about what is learned.
+_ASIDE = {"algorithm", "shape", "shift", "seed", "seeds", "steps", "out", "target", "log"}
+_ASIDE |= {"replay.capacity"}
+_TASK = ("scene.", "mdp.", "randomisation.")
+"""Options that define the task, besides shape and shift."""
+
+
+class Task(NamedTuple):
+    """What is inserted where."""
+
+    shape: str
+    shift_mm: float
+
+    def __str__(self) -> str:
+        shift = f"shift {self.shift_mm:g} mm" if self.shift_mm else "no shift"
+        return f"shape {self.shape}, {shift}"
+
+
+class Cell(NamedTuple):
+    """A method on a task."""
+
+    method: str
+    task: Task
+    variant: str
+    """Options in which it differs from the method's other runs, in words; empty for most."""
+    curve: Curve
+    """Success of all seeds; without interaction, the final one at 0 steps."""
+    seeds: np.ndarray
+    """[S] of the columns of `curve`."""
+    planned_steps: int
+    runs: tuple[Run, ...]
+
+    @property
+    def steps(self) -> int:
+        """Environment steps that every seed has made."""
+        return min(int(run.curve.env_steps[-1]) for run in self.runs)
+
+    @property
+    def finished(self) -> bool:
+        """Whether every seed has made the steps that its run was to make."""
+        return not self.interacts or self.steps >= self.planned_steps
+
+    @property
+    def interacts(self) -> bool:
+        """Whether environment steps mean anything to the method."""
+        return self.method not in WITHOUT_INTERACTION
+
+
+def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
+    """Sorts runs into cells; of the same seed twice, the longer run counts.
+
+    Returns:
+      Cells, by task and then by method, and a line for each run that is left out.
+    """
+    usual = _usual_options(runs)
+    groups: dict[tuple, list[Run]] = {}
+    for run in runs:
+        method = method_of(run.options)
+        task = Task(shapes.label(run.options["shape"]), round(run.options["shift"] * 1e3, 6))
+        changed = _changed(run.options, usual[method])
+        groups.setdefault((method, task, tuple(changed.items())), []).append(run)
+    cells, left_out = [], []
+    for (method, task, changed), group in groups.items():
+        kept, lines = _without_repeats(group)
+        left_out += lines
+        cells.append(_cell(method, task, _in_words(dict(changed)), kept))
+    cells.sort(key=lambda cell: (cell.task, rank(cell.method), cell.variant))
+    return cells, left_out
+
+
+def unusual_options(cells: Iterable[Cell]) -> dict[str, dict[str, Any]]:
+    """For each method, the options that its usual runs give another value than the default."""
+    default = flatten(to_dict(Config()))
+    usual = _usual_options([run for cell in cells for run in cell.runs])
+    return {
+        method: {n: v for n, v in options.items() if _matters(n) and v != default.get(n)}
+        for method, options in usual.items()
+    }
+
+
+def _usual_options(runs: Sequence[Run]) -> dict[str, dict[str, Any]]:
+    """For each method, each option's most frequent value; at a tie the default if it is there.
+
+    What defines the task is counted over all methods: they are compared on the same parts.
+    """
+    default, seen = flatten(to_dict(Config())), {}
+    for run in runs:
+        for name, value in run.options.items():
+            method = "" if name.startswith(_TASK) else method_of(run.options)
+            seen.setdefault((method, name), Counter())[value] += 1
+    usual = {method_of(run.options): {} for run in runs}
+    for (method, name), counter in seen.items():
+        most = max(counter, key=lambda v, c=counter, n=name: (c[v], v == default.get(n)))
+        for options in [usual[method]] if method else usual.values():
+            options[name] = most
+    return usual
+
+
+def _changed(options: dict[str, Any], usual: dict[str, Any]) -> dict[str, Any]:
+    names = (name for name in sorted(options) if _matters(name))
+    return {name: options[name] for name in names if options[name] != usual.get(name)}
+
+
+def _matters(name: str) -> bool:
+    return name not in _ASIDE and not name.startswith("evaluation.")
+
+
+def _in_words(changed: dict[str, Any]) -> str:
+    """Options and their values; one word stands for all that is drawn, or made small."""
+    if "smoke" in changed:
+        return "smoke" if changed["smoke"] else "no smoke"
+    drawn = [name for name in changed if name.startswith("randomisation.")]
+    usual = flatten(to_dict(Config()))
+    none = all(changed[name] == usual.get(name) for name in drawn)
+    words = ["no randomisation" if none else "randomised"] if drawn else []
+    words += [f"{name} {changed[name]}" for name in changed if name not in drawn]
+    return ", ".join(words[:3]) + ", ..." * (len(words) > 3)
+
+
+def _without_repeats(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+    kept, lines = [], []
+    for run in sorted(runs, key=lambda run: (-run.curve.env_steps[-1], run.name)):
+        same = [other for other in kept if set(other.seeds) & set(run.seeds)]
+        if same:
+            lines.append(f"{run.name}: repeats seeds of {same[0].name}, which is at least as long")
+        else:
+            kept.append(run)
+    return kept, lines
+
+
+def _cell(method: str, task: Task, variant: str, runs: Sequence[Run]) -> Cell:
+    runs = sorted(runs, key=lambda run: run.seeds[0])
+    steps = np.unique(np.concatenate([run.curve.env_steps for run in runs]))
+    parts = []
+    for run in runs:
+        part = np.full((len(steps), len(run.seeds)), np.nan)
+        part[np.searchsorted(steps, run.curve.env_steps)] = run.curve.values
+        parts.append(part)
+    values = np.concatenate(parts, axis=1)
+    if method in WITHOUT_INTERACTION:
+        steps, values = np.zeros(1, np.int64), final(steps, values)[None]
+    return Cell(
+        method=method,
+        task=task,
+        variant=variant,
+        curve=Curve(steps, values),
+        seeds=np.concatenate([run.seeds for run in runs]),
+        planned_steps=max(run.options["steps"] for run in runs),
+        runs=tuple(runs),
+    )

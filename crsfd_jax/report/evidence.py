@@ -1,0 +1,167 @@
+"""Verdicts from intervals: when a statement holds, when it does not, when it is left open."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from crsfd_jax.report import statistics, summary
+from crsfd_jax.report.cells import Cell, Task
+from crsfd_jax.report.intervals import wilson_interval
+from crsfd_jax.report.methods import style
+from crsfd_jax.report.statistics import Estimate
+from crsfd_jax.report.transfer import Transfer
+
+HOLDS, FAILS, OPEN = "holds", "does not hold", "undecided"
+MARGIN = 0.05
+"""Difference of success rate or area that counts as none."""
+FEWEST_SEEDS = 3
+RULE = (
+    "Every number is a mean with its 95 % bootstrap interval over seeds. X above Y holds if the "
+    f"interval of the difference lies above 0, and does not hold if it lies below {MARGIN:g}. "
+    f"X like Y holds if the interval lies within ±{MARGIN:g}, and does not hold if it lies "
+    "outside. X below a level holds if its interval lies below it, and does not hold if it lies "
+    "above. The rest is undecided, and so is what has no finished runs with "
+    f"{FEWEST_SEEDS} seeds. A claim holds if all its parts hold, and does not hold if one does "
+    "not. Two methods are compared up to the steps that both have made."
+)
+
+Book = dict[tuple[str, Task], Cell]
+
+
+class Part(NamedTuple):
+    """One comparison, and the numbers that decide it."""
+
+    verdict: str
+    numbers: str
+
+
+class Claim(NamedTuple):
+    """A statement of the paper."""
+
+    statement: str
+    verdict: str
+    parts: tuple[Part, ...]
+
+
+def index(cells: Sequence[Cell]) -> Book:
+    """Cells with a method's usual options, by method and task."""
+    return {(cell.method, cell.task): cell for cell in cells if not cell.variant}
+
+
+def claim(statement: str, parts: Sequence[Part]) -> Claim:
+    """Holds if all parts hold, does not if one does not, and is undecided otherwise."""
+    verdicts = {part.verdict for part in parts}
+    verdict = FAILS if FAILS in verdicts else OPEN if OPEN in verdicts else HOLDS
+    return Claim(statement, verdict, tuple(parts))
+
+
+def ahead(book: Book, tasks: Sequence[Task], ours: str, theirs: str, what: str) -> Part:
+    """Whether a method scores above another, on the mean over tasks.
+
+    Args:
+      what: final or area.
+    """
+    where = str(tasks[0]) if len(tasks) == 1 else f"{len(tasks)} tasks"
+    subject = f"{where}, {_WORDS[what]}: {_label(ours)} over {_label(theirs)}"
+    found = _difference(book, tasks, ours, theirs, what)
+    if isinstance(found, str):
+        return Part(OPEN, f"{subject}: {found}")
+    verdict = HOLDS if found.low > 0 else FAILS if found.high < MARGIN else OPEN
+    return Part(verdict, f"{subject} {show(found, '+.3f')}")
+
+
+def close(book: Book, task: Task, ours: str, theirs: str, what: str) -> Part:
+    """Whether two methods score alike."""
+    subject = f"{task}, {_WORDS[what]}: {_label(ours)} less {_label(theirs)}"
+    found = _difference(book, [task], ours, theirs, what)
+    if isinstance(found, str):
+        return Part(OPEN, f"{subject}: {found}")
+    within = found.low > -MARGIN and found.high < MARGIN
+    outside = found.low > MARGIN or found.high < -MARGIN
+    return Part(HOLDS if within else FAILS if outside else OPEN, f"{subject} {show(found, '+.3f')}")
+
+
+def wider(book: Book, far: Sequence[Task], near: Sequence[Task]) -> Part:
+    """Whether the gap from CRSfD to SACfD is larger on some tasks than on others."""
+    subject = f"margin on {_names(far)} less that on {_names(near)}"
+    lacking = _lacking(book, [*far, *near], ("crsfd", "sacfd"))
+    if lacking:
+        return Part(OPEN, f"{subject}: {lacking}")
+    each = [summary.scores(book["crsfd", t], book["sacfd", t]) for t in (*far, *near)]
+    if not all(each):
+        return Part(OPEN, f"{subject}: {_NO_STEPS}")
+    gaps = [task.area_gap for task in each if task]
+    found = statistics.gap_interval(gaps[: len(far)], gaps[len(far) :])
+    verdict = HOLDS if found.low > 0 else FAILS if found.high < MARGIN else OPEN
+    return Part(verdict, f"{subject} {show(found, '+.3f')}")
+
+
+def below(book: Book, task: Task, method: str, level: float) -> Part:
+    """Whether the final success of a method stays below a level."""
+    subject = f"{task}: {_label(method)}"
+    lacking = _lacking(book, [task], (method,))
+    if lacking:
+        return Part(OPEN, f"{subject}: {lacking}")
+    found = statistics.mean_interval([statistics.final(*book[method, task].curve)])
+    verdict = HOLDS if found.high < level else FAILS if found.low >= level else OPEN
+    return Part(verdict, f"{subject} {show(found)}")
+
+
+def above(transfers: Sequence[Transfer], shape: str, rate: float) -> Part:
+    """Whether held-out trials of CRSfD succeed nearly as often as the paper's on the arm."""
+    wanted = ("crsfd", True, shape)
+    found = next((transfer for transfer in transfers if transfer[:3] == wanted), None)
+    if found is None:
+        return Part(OPEN, f"shape {shape}: no held-out trials")
+    low, high = wilson_interval(found.successes, found.trials)
+    bar = rate - MARGIN
+    verdict = HOLDS if low > bar else FAILS if high < bar else OPEN
+    value = show(Estimate(found.successes / found.trials, low, high))
+    return Part(verdict, f"shape {shape}: {value} of {found.trials} trials, paper {rate:g}")
+
+
+def show(estimate: Estimate, form: str = ".3f") -> str:
+    """A number and its interval, such as 0.912 [0.880, 0.944]."""
+    return f"{estimate.value:{form}} [{estimate.low:{form}}, {estimate.high:{form}}]"
+
+
+_WORDS = {"final": "final success", "area": "area"}
+
+
+def _difference(book, tasks, ours, theirs, what) -> Estimate | str:
+    """The difference, or what it takes to tell it."""
+    lacking = _lacking(book, tasks, (ours, theirs))
+    if lacking:
+        return lacking
+    each = [summary.scores(book[ours, task], book[theirs, task]) for task in tasks]
+    if not all(each):
+        return _NO_STEPS
+    return statistics.mean_interval([getattr(task, f"{what}_gap") for task in each])
+
+
+_NO_STEPS = "no steps in common"
+
+
+def _lacking(book: Book, tasks: Sequence[Task], methods: Sequence[str]) -> str:
+    """What is missing for a verdict, in words; empty if nothing is."""
+    for task in tasks:
+        for method in methods:
+            cell = book.get((method, task))
+            where = f" on {task}" if len(tasks) > 1 else ""
+            if cell is None:
+                return f"no run of {_label(method)}{where}"
+            if not cell.finished:
+                stand = f"{cell.steps:,} of {cell.planned_steps:,} steps"
+                return f"{_label(method)} stands at {stand}{where}"
+            if len(cell.seeds) < FEWEST_SEEDS:
+                return f"{_label(method)} has {len(cell.seeds)} seeds{where}"
+    return ""
+
+
+def _names(tasks: Sequence[Task]) -> str:
+    if len(tasks) == 1:
+        return str(tasks[0])
+    return f"shape {tasks[0].shape}, {len(tasks)} shifts"
+
+
+def _label(method: str) -> str:
+    return style(method).label

@@ -1,0 +1,111 @@
+"""Draws success against environment steps, panel by panel, as in the paper."""
+
+from pathlib import Path
+
+import matplotlib.figure
+import matplotlib.lines
+import numpy as np
+from matplotlib.axes import Axes
+
+from crsfd_jax.files import write_atomically
+from crsfd_jax.report.cells import Cell
+from crsfd_jax.report.curves import mean_and_spread
+from crsfd_jax.report.layout import Figure
+from crsfd_jax.report.methods import Style, rank, style
+
+DPI = 192
+"""Twice that of a page, for sharp screens and print."""
+
+
+def draw(figure: Figure, path: Path) -> None:
+    """Writes a figure as PNG, all or nothing."""
+    looks = _looks(figure)
+    rows = -(-len(figure.panels) // figure.columns)
+    longest = max(len(look.label) for look in looks.values())
+    # Few panels leave no room below them for a legend of many entries.
+    beside = 0.7 + 0.08 * longest if figure.columns < 3 else 0
+    size = (3.3 * figure.columns + 0.5 + beside, 2.6 * rows + (0.5 if beside else 0.9))
+    canvas = matplotlib.figure.Figure(size, layout="constrained")
+    grid = canvas.subplots(
+        rows, figure.columns, sharex=figure.same_steps, sharey=True, squeeze=False
+    )
+    for axes, panel in zip(grid.flat, figure.panels, strict=False):
+        _draw_panel(axes, panel.cells, looks)
+        axes.set_title(panel.title, fontsize=10.5)
+    for axes in grid.flat[len(figure.panels) :]:
+        axes.set_visible(False)
+    _label_edges(grid, len(figure.panels), figure.columns)
+    across = 1 if beside else max(1, int(40 * figure.columns / (longest + 7)))
+    _legend(canvas, looks, "outside right upper" if beside else "outside lower center", across)
+    save(canvas, path)
+
+
+def save(canvas: matplotlib.figure.Figure, path: Path) -> None:
+    """Writes a drawing as PNG, all or nothing."""
+    write_atomically(path, lambda stream: canvas.savefig(stream, format="png", dpi=DPI))
+
+
+def clean(axes: Axes) -> None:
+    """Takes away what is not needed to read a plot."""
+    axes.grid(color="0.9", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=9)
+
+
+def _looks(figure: Figure) -> dict[tuple[str, str], Style]:
+    """Look of each method and variant of a figure, in the order of the legend."""
+    found = {(cell.method, cell.variant) for panel in figure.panels for cell in panel.cells}
+    looks, variants = {}, {}
+    for method, variant in sorted(found, key=lambda key: (rank(key[0]), key[1])):
+        number = variants[method] = variants.get(method, -1) + 1 if variant else 0
+        look = style(method, number)
+        looks[method, variant] = look._replace(label=", ".join(filter(None, (look.label, variant))))
+    return looks
+
+
+def _draw_panel(axes: Axes, cells: tuple[Cell, ...], looks: dict[tuple[str, str], Style]) -> None:
+    clean(axes)
+    axes.set_ylim(-0.03, 1.03)
+    axes.set_yticks(np.linspace(0, 1, 6))
+    for cell in reversed(cells):
+        look = looks[cell.method, cell.variant]
+        (_draw_cell if cell.interacts else _draw_level)(axes, cell, look)
+    if not cells:
+        axes.text(0.5, 0.5, "no run", transform=axes.transAxes, ha="center", color="0.55")
+
+
+def _draw_cell(axes: Axes, cell: Cell, look: Style) -> None:
+    thousands = cell.curve.env_steps / 1000
+    mean, spread = mean_and_spread(cell.curve.values)
+    low, high = np.clip(mean - spread, 0, 1), np.clip(mean + spread, 0, 1)
+    axes.fill_between(thousands, low, high, color=look.colour, alpha=0.13, linewidth=0)
+    (line,) = axes.plot(thousands, mean, marker="o" if len(mean) == 1 else None)
+    line.set(color=look.colour, linestyle=look.dashes, linewidth=look.width)
+
+
+def _draw_level(axes: Axes, cell: Cell, look: Style) -> None:
+    level = cell.curve.values[-1].mean()
+    axes.axhline(level, color=look.colour, linestyle=look.dashes, linewidth=look.width)
+
+
+def _label_edges(grid: np.ndarray, panels: int, columns: int) -> None:
+    for axes in grid[:, 0]:
+        axes.set_ylabel("success rate", fontsize=10)
+    for index, axes in enumerate(grid.flat[:panels]):
+        axes.set_xlim(left=0)
+        if index + columns >= panels:
+            axes.tick_params(labelbottom=True)
+            axes.set_xlabel("environment steps, thousands", fontsize=10)
+
+
+def _legend(canvas, looks: dict[tuple[str, str], Style], place: str, across: int) -> None:
+    lines = [
+        matplotlib.lines.Line2D(
+            [], [], color=look.colour, linestyle=look.dashes, linewidth=look.width, label=look.label
+        )
+        for look in looks.values()
+    ]
+    columns = min(across, len(lines))
+    style = dict(frameon=False, fontsize=10, handlelength=2.6)
+    canvas.legend(handles=lines, loc=place, ncols=columns, **style)

@@ -1,0 +1,51 @@
+"""What the runs at hand lack, said plainly."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from crsfd_jax.report.cells import Cell
+from crsfd_jax.report.layout import Figure
+from crsfd_jax.report.methods import style
+from crsfd_jax.report.tables import name
+
+
+def lines(cells: Sequence[Cell], figures: Sequence[Figure]) -> list[str]:
+    """A line for each cell that is unfinished, missing, or has fewer seeds or steps than others."""
+    usual = Counter(len(cell.seeds) for cell in cells).most_common(1)[0][0]
+    planned = {
+        task: max(c.planned_steps for c in cells if c.task == task) for task in _tasks(cells)
+    }
+    found = []
+    for cell in cells:
+        where = f"{cell.task}: {name(cell)}"
+        if not cell.finished:
+            share = f"{cell.steps:,} of {cell.planned_steps:,} steps"
+            found.append(f"{where} is unfinished, {share}")
+        if cell.interacts and cell.planned_steps < planned[cell.task]:
+            budget = f"{cell.planned_steps:,} steps, others {planned[cell.task]:,}"
+            found.append(f"{where} was given {budget}")
+        if len(cell.seeds) < usual:
+            found.append(f"{where} has {_count(len(cell.seeds), 'seed')}, most have {usual}")
+    return found + _missing(figures)
+
+
+def _missing(figures: Sequence[Figure]) -> list[str]:
+    """Methods that a figure shows in some panels and not in others."""
+    found = []
+    for figure in figures:
+        methods = {c.method: None for panel in figure.panels for c in panel.cells if not c.variant}
+        for panel in figure.panels if figure.name != "tasks" else ():
+            absent = [m for m in methods if m not in {cell.method for cell in panel.cells}]
+            if absent:
+                found.append(
+                    f"{panel.title}: no run of {', '.join(style(m).label for m in absent)}"
+                )
+    return found
+
+
+def _tasks(cells: Sequence[Cell]) -> set:
+    return {cell.task for cell in cells}
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"

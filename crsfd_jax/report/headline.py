@@ -1,0 +1,71 @@
+"""The answer in a few sentences, before anything else."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from crsfd_jax.report.cells import Cell
+from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, Claim, show
+from crsfd_jax.report.methods import style
+from crsfd_jax.report.statistics import final
+from crsfd_jax.report.summary import LEVEL, compare
+
+
+def sentences(cells: Sequence[Cell], claims: Sequence[Claim]) -> list[str]:
+    """How good the method is, how it compares with the best other one, which claims hold."""
+    usual = [cell for cell in cells if not cell.variant] or list(cells)
+    ours = subject(usual)
+    said = [_level(usual, ours), *_contest(usual, ours)]
+    counts = Counter(claim.verdict for claim in claims)
+    said.append(
+        f"Of the paper's {len(claims)} claims {counts[HOLDS]} held up, {counts[FAILS]} did not, "
+        f"and {counts[OPEN]} stay undecided with these runs."
+    )
+    return said
+
+
+def subject(cells: Sequence[Cell]) -> str:
+    """The method that the others are compared with: CRSfD, else the one with the most tasks."""
+    methods = Counter(cell.method for cell in cells)
+    return "crsfd" if "crsfd" in methods else max(methods, key=lambda m: (methods[m], m))
+
+
+def _level(cells: Sequence[Cell], ours: str) -> str:
+    success = {c.task: final(*c.curve).mean() for c in cells if c.method == ours}
+    label, rates = style(ours).label, np.array(list(success.values()))
+    if len(rates) == 1:
+        return f"{label} ends at a success of {rates[0]:.3f} on {next(iter(success))}."
+    worst = min(success, key=lambda task: success[task])
+    learned = int((rates >= LEVEL).sum())
+    return (
+        f"{label} ends at a mean success of {rates.mean():.3f} over {len(rates)} tasks; "
+        f"{learned} of them end at {LEVEL:g} or above, the worst is {worst} with "
+        f"{success[worst]:.3f}."
+    )
+
+
+def _contest(cells: Sequence[Cell], ours: str) -> list[str]:
+    """Against the method that comes closest in area on the tasks that both have."""
+    own = {cell.task: cell for cell in cells if cell.method == ours}
+    rivals: dict[str, list[tuple[Cell, Cell]]] = {}
+    for cell in cells:
+        if cell.task in own and cell.method != ours and not cell.method.startswith("crsfd"):
+            rivals.setdefault(cell.method, []).append((own[cell.task], cell))
+    # A rival on one task of many says little: those with the most tasks count.
+    most = max(map(len, rivals.values()), default=0)
+    found = {m: compare(pairs) for m, pairs in rivals.items() if len(pairs) == most}
+    found = {method: comparison for method, comparison in found.items() if comparison}
+    if not found:
+        return []
+    rival = min(found, key=lambda method: found[method].area.value)
+    best = found[rival]
+    where = f"{best.tasks} tasks" if best.tasks > 1 else f"{rivals[rival][0][0].task}"
+    known = best.area.low > 0 or best.area.high < 0
+    words = "faster than" if best.area.low > 0 else "slower than" if known else "as fast as"
+    doubt = "" if known else ", as far as these seeds can tell"
+    return [
+        f"It learns {words} {style(rival).label}, the strongest other method, on {where}{doubt}: "
+        f"the area under the curve differs by {show(best.area, '+.3f')}, the final success by "
+        f"{show(best.final, '+.3f')}."
+    ]

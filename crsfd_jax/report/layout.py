@@ -1,0 +1,78 @@
+"""Which figures to draw and what goes into each panel: the paper's, where there are runs for them.
+
+It follows from method, shape and shift of the runs alone.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from crsfd_jax.report.cells import Cell, Task
+from crsfd_jax.report.methods import ARMS
+
+SETTING1 = tuple(Task(shape, 0.0) for shape in "1234")
+SETTING2 = tuple(Task(shape, shift) for shape in "02" for shift in (4.0, 6.0, 8.0))
+_COLUMNS = 4
+
+
+class Panel(NamedTuple):
+    """One pair of axes."""
+
+    title: str
+    cells: tuple[Cell, ...]
+
+
+class Figure(NamedTuple):
+    """Panels with one legend."""
+
+    name: str
+    """Of its file."""
+    caption: str
+    columns: int
+    panels: tuple[Panel, ...]
+    same_steps: bool = True
+    """Whether all panels span the same environment steps."""
+
+
+def figures(cells: Sequence[Cell]) -> list[Figure]:
+    """The figures that show every cell at least once."""
+    usual = [cell for cell in cells if not cell.variant]
+    trained = [cell for cell in usual if cell.method not in ARMS]
+    pair = [cell for cell in trained if cell.method in ("crsfd", "sacfd")]
+    made = [
+        _grid("setting1", "New shapes, socket where it was", 4, SETTING1, trained),
+        _grid("setting2", "Shapes and shifts, CRSfD and the best baseline", 3, SETTING2, pair),
+        _ablation(usual),
+    ]
+    made = [figure for figure in made if figure]
+    drawn = {id(cell) for figure in made for panel in figure.panels for cell in panel.cells}
+    return made + _others(cells, drawn)
+
+
+def _grid(
+    name: str, caption: str, columns: int, tasks: Sequence[Task], cells: Sequence[Cell]
+) -> Figure | None:
+    """A figure of the paper, if half of its panels have runs."""
+    panels = [Panel(str(task), tuple(c for c in cells if c.task == task)) for task in tasks]
+    if 2 * sum(bool(panel.cells) for panel in panels) < len(panels):
+        return None
+    return Figure(name, caption, columns, tuple(panels))
+
+
+def _ablation(cells: Sequence[Cell]) -> Figure | None:
+    tasks = sorted({cell.task for cell in cells if cell.method in ARMS})
+    arms = [cell for cell in cells if cell.method in ("crsfd", *ARMS)]
+    panels = [Panel(str(task), tuple(c for c in arms if c.task == task)) for task in tasks]
+    caption = "Ablation of the two conservative parts of CRSfD"
+    return (
+        Figure("ablation", caption, min(_COLUMNS, len(panels)), tuple(panels)) if panels else None
+    )
+
+
+def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
+    """All methods of each task that holds a cell not drawn so far."""
+    tasks = sorted({cell.task for cell in cells if id(cell) not in drawn})
+    if not tasks:
+        return []
+    panels = [Panel(str(task), tuple(c for c in cells if c.task == task)) for task in tasks]
+    columns = min(_COLUMNS, len(panels))
+    return [Figure("tasks", "All runs of each task", columns, tuple(panels), same_steps=False)]

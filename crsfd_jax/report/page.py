@@ -1,0 +1,218 @@
+"""The report: one web page with everything in it, and its figures as PNG beside it."""
+
+import datetime
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from crsfd_jax.errors import UserError
+from crsfd_jax.files import write_atomically
+from crsfd_jax.report import cells as grouping
+from crsfd_jax.report import claims, figures, gaps, headline, html, layout, runs, tables, transfer
+from crsfd_jax.report.cells import Cell
+from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, RULE, Claim
+from crsfd_jax.report.layout import Figure
+from crsfd_jax.report.methods import style
+from crsfd_jax.report.summary import LEVEL
+from crsfd_jax.report.transfer import Transfer
+
+FILE = "report.html"
+MAX_CLIP_BYTES = 8 * 2**20
+_SHOWN = 4
+"""Comparisons of a claim that are not folded away."""
+_TITLE = "Insertion from demonstrations of another task"
+_NOTES = (
+    "Success is that of the deterministic policy in fresh evaluation episodes.",
+    "Final success of a seed: mean of its evaluations in the last tenth of its steps. Mean ± "
+    "standard deviation (population) over seeds, as the figures draw it.",
+    "IQM: mean of the middle half of the seeds; its interval resamples seeds (10,000 bootstrap "
+    "samples, percentiles 2.5 and 97.5). Over several tasks, seeds are resampled within each.",
+    f"Steps to {LEVEL * 100:g} %: first evaluation at which the mean over seeds reaches {LEVEL:g}; "
+    "seeds there: how many reach it in any evaluation.",
+    "Area: under the curve of success from 0 steps (success 0) to the last, divided by the steps; "
+    "1 would be success from the start. Differences pair seeds of the same number.",
+    "P(better): chance that a seed of the one scores above a seed of the other on the same task, "
+    "ties count half (Mann and Whitney), mean over tasks.",
+    "BC does not interact: it has one level, that of its last evaluations.",
+    "With few seeds bootstrap intervals are somewhat too narrow: five seeds can show no "
+    "difference finer than one of 32 sign patterns.",
+)
+
+
+class Report(NamedTuple):
+    """All that the page tells."""
+
+    cells: list[Cell]
+    figures: list[Figure]
+    claims: list[Claim]
+    transfers: list[Transfer]
+    skipped: list[str]
+
+
+def collect(roots: Sequence[str]) -> Report:
+    """Reads runs and works out what there is to say.
+
+    Raises:
+      UserError: there is no run.
+    """
+    found = runs.find(roots)
+    cells, repeated = grouping.gather(found.runs)
+    trials, unusable = transfer.find(roots)
+    return Report(
+        cells=cells,
+        figures=layout.figures(cells),
+        claims=claims.judge(cells, trials),
+        transfers=trials,
+        skipped=[*found.skipped, *repeated, *unusable],
+    )
+
+
+def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Path:
+    """Writes the page and its figures into a folder.
+
+    Args:
+      value_map: draws the potential into a file and returns what to say below it.
+
+    Raises:
+      UserError: the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        pictures = [_picture(figure, folder) for figure in report.figures]
+        body = [
+            *_top(report),
+            _results(report),
+            html.section("Success against environment steps", *pictures),
+            _comparisons(report),
+            _claims(report.claims),
+            _transfers(report.transfers),
+            _potential(folder, value_map),
+            _clips(report.cells),
+            _origin(report),
+            _gaps(report),
+            html.section("How the numbers are made", html.bullets(_NOTES)),
+        ]
+        text = html.page(_TITLE, [part for part in body if part])
+        write_atomically(folder / FILE, lambda stream: stream.write(text.encode()))
+    except OSError as error:
+        raise UserError(
+            f"{folder}: cannot be written: {error.strerror}; choose another --out"
+        ) from error
+    return folder / FILE
+
+
+def _top(report: Report) -> list[str]:
+    made = datetime.date.today().isoformat()
+    count = sum(len(cell.runs) for cell in report.cells)
+    said = " ".join(headline.sentences(report.cells, report.claims))
+    return [
+        f"<h1>{_TITLE}</h1>",
+        html.paragraph(said, "lead"),
+        html.paragraph(f"{count} runs, report of {made}.", "quiet"),
+    ]
+
+
+def _picture(figure: Figure, folder: Path) -> str:
+    path = folder / f"{figure.name}.png"
+    figures.draw(figure, path)
+    text = f"{figure.caption}. Line: mean over seeds, band: one standard deviation."
+    return html.media(path, text)
+
+
+def _results(report: Report) -> str:
+    return html.section("Results", html.table(*tables.results(report.cells)))
+
+
+def _comparisons(report: Report) -> str:
+    ours = headline.subject(report.cells)
+    over_all, each = tables.comparisons(report.cells, ours)
+    if not over_all.rows:
+        return ""
+    label = style(ours).label
+    return html.section(
+        f"{label} against each method",
+        html.paragraph(f"Positive, or a chance above one half: {label} is ahead."),
+        html.table(*over_all),
+        html.folded("task by task", html.table(*each)),
+    )
+
+
+def _claims(found: Sequence[Claim]) -> str:
+    kinds = {HOLDS: "holds", FAILS: "fails", OPEN: "open"}
+    rows = []
+    for claim in found:
+        mark = f'<td class="verdict {kinds[claim.verdict]}">{claim.verdict}</td>'
+        rows.append(f"<tr>{mark}<td>{html.escape(claim.statement)}{_parts(claim)}</td></tr>")
+    body = "\n".join(rows)
+    return html.section(
+        "Claims of the paper",
+        html.paragraph(RULE, "quiet"),
+        f"<table><thead><tr><th>verdict</th><th>claim and the numbers that decide</th></tr></thead>"
+        f"<tbody>{body}</tbody></table>",
+    )
+
+
+def _parts(claim: Claim) -> str:
+    """The numbers, those that decide first; of many, a few and the whole list folded away."""
+    order = (FAILS, OPEN, HOLDS)
+    parts = sorted(claim.parts, key=lambda part: order.index(part.verdict))
+    lines = [f"{part.verdict}: {part.numbers}" for part in parts]
+    if len(lines) <= _SHOWN:
+        return html.bullets(lines)
+    several = {FAILS: "do not hold", OPEN: "undecided", HOLDS: "hold"}
+    counts = [(sum(p.verdict == verdict for p in parts), several[verdict]) for verdict in order]
+    title = ", ".join(f"{count} {words}" for count, words in counts if count)
+    first = [line for line, part in zip(lines, parts, strict=True) if part.verdict == claim.verdict]
+    shown = html.bullets(first[:_SHOWN]) if claim.verdict != HOLDS else ""
+    return shown + html.folded(f"all {len(lines)} comparisons: {title}", html.bullets(lines))
+
+
+def _transfers(found: Sequence[Transfer]) -> str:
+    if not found:
+        return ""
+    rates: dict[str, list[float]] = {}
+    for each in found:
+        rates.setdefault(each.label, []).append(each.successes / each.trials)
+    means = [f"{label}: {sum(r) / len(r):.3f} over {len(r)} shapes" for label, r in rates.items()]
+    shown = html.table(*tables.transfers(found, claims.ROBOT))
+    return html.section("Held-out randomisation", html.paragraph("; ".join(means) + "."), shown)
+
+
+def _potential(folder: Path, value_map: Callable[[Path], str]) -> str:
+    path = folder / "value_map.png"
+    try:
+        caption = value_map(path)
+    except UserError as error:
+        return html.section("Potential", html.paragraph(f"Not drawn: {error}", "quiet"))
+    return html.section("Potential", html.media(path, caption))
+
+
+def _clips(cells: Sequence[Cell]) -> str:
+    shown, large = [], []
+    for cell in cells:
+        for run in cell.runs:
+            if run.clip is None:
+                continue
+            if run.clip.stat().st_size > MAX_CLIP_BYTES:
+                large.append(f"{run.clip} is too large for this page")
+            else:
+                shown.append(html.media(run.clip, f"{cell.task}: {tables.name(cell)}"))
+    if not shown and not large:
+        return ""
+    films = f'<div class="clips">{"".join(shown)}</div>'
+    return html.section("Policies at work", films, html.bullets(large) if large else "")
+
+
+def _origin(report: Report) -> str:
+    parts = [html.table(*tables.machines(report.cells))]
+    options = tables.options(report.cells)
+    if options.rows:
+        parts += [html.paragraph("Options that are not at their default:"), html.table(*options)]
+    return html.section("Machines, versions and options", *parts)
+
+
+def _gaps(report: Report) -> str:
+    lines = [*gaps.lines(report.cells, report.figures)]
+    lines += [f"left out: {line}" for line in report.skipped]
+    shown = html.bullets(lines) if lines else html.paragraph("Nothing is missing.")
+    return html.section("Unfinished, missing, left out", shown)

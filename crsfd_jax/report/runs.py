@@ -1,0 +1,153 @@
+"""Finds runs in folders and reads them; what is no run, or is damaged, is named and left out."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from crsfd_jax import metrics
+from crsfd_jax.config import Config, to_dict
+from crsfd_jax.errors import UserError
+from crsfd_jax.report.curves import Curve, curve
+
+SUCCESS = "eval/success_rate"
+CLIPS = (".gif", ".mp4", ".webm")
+_NEEDED = {"shape": str, "shift": (int, float), "algorithm": str, "steps": int}
+_FOREIGN = ("checkpoints", "report", "__pycache__")
+"""Folders in which no run is looked for."""
+
+
+class Run(NamedTuple):
+    """One run, finished or not."""
+
+    name: str
+    """Where it was found, as short as tells it apart."""
+    options: dict[str, Any]
+    """Full name, such as potential.gamma, -> value; defaults where an older run has no value."""
+    about: dict[str, Any]
+    """What else config.json says: versions, device, started."""
+    curve: Curve
+    """Success of each seed against environment steps."""
+    seeds: np.ndarray
+    """[S] seeds of the columns of `curve`, ascending."""
+    wall_s: float
+    """Time spent in it; NaN if its metrics do not say."""
+    clip: Path | None
+    """Newest film of its policy."""
+
+
+class Found(NamedTuple):
+    """Runs, and a line for whatever was left out."""
+
+    runs: list[Run]
+    skipped: list[str]
+
+
+def find(roots: Sequence[str | Path]) -> Found:
+    """Reads every run in and below folders.
+
+    A run is a folder with config.json and metrics.csv, or NAME.csv with its config as NAME.json.
+
+    Raises:
+      UserError: a folder does not exist, or none holds a run.
+    """
+    found = Found([], [])
+    for root in map(Path, roots):
+        if not root.is_dir():
+            raise UserError(f"{root}: is no folder; give the folder of a run or one with runs")
+        before = len(found.runs) + len(found.skipped)
+        for table, config, name in _candidates(root):
+            _read_into(found, table, config, name)
+        if len(found.runs) + len(found.skipped) == before:
+            found.skipped.append(f"{root}: no run in it")
+    if not found.runs:
+        more = f" and {len(found.skipped) - 3} more" * (len(found.skipped) > 3)
+        why = "; ".join(found.skipped[:3]) or "no folder was named"
+        raise UserError(
+            f"no run with an evaluation found: {why}{more}; a run is a folder with config.json "
+            "and metrics.csv, as crsfd_jax.train makes it"
+        )
+    return found
+
+
+def _candidates(root: Path) -> Iterator[tuple[Path, Path, str]]:
+    """Tables that may be metrics, where their config should be, and what to call the run."""
+    for folder in (root, *sorted(path for path in root.rglob("*") if path.is_dir())):
+        inner = folder.relative_to(root)
+        if any(part in _FOREIGN or part.startswith(".") for part in inner.parts):
+            continue
+        name = str(inner) if inner.parts else root.resolve().name
+        if (folder / "config.json").exists():
+            yield folder / "metrics.csv", folder / "config.json", name
+        else:
+            for table in sorted(folder.glob("*.csv")):
+                yield table, table.with_suffix(".json"), str(inner / table.stem)
+
+
+def _read_into(found: Found, table: Path, config: Path, name: str) -> None:
+    try:
+        if not _is_metrics(table):
+            return
+        manifest = _read_manifest(config)
+        columns = metrics.read(table)
+        if SUCCESS not in columns or not len(columns["env_steps"]):
+            raise UserError(f"{table}: holds no evaluation yet")
+        found.runs.append(_run(name, table, manifest, columns))
+    except UserError as error:
+        found.skipped.append(str(error))
+
+
+def _is_metrics(table: Path) -> bool:
+    """False for tables of another kind that lie among metrics."""
+    if table.name == "metrics.csv" or not table.exists():
+        return True
+    with table.open("rb") as stream:
+        return stream.readline().startswith(b"env_steps,seed")
+
+
+def _run(name: str, table: Path, manifest: dict, columns: Mapping[str, np.ndarray]) -> Run:
+    wall = columns.get("time/wall_s", np.array([np.nan]))
+    clips = [path for path in table.parent.rglob("*") if path.suffix in CLIPS]
+    return Run(
+        name=name,
+        options=flatten(to_dict(Config())) | flatten(manifest["config"]),
+        about={key: value for key, value in manifest.items() if key != "config"},
+        curve=curve(columns, SUCCESS),
+        seeds=np.unique(columns["seed"]),
+        wall_s=float(wall.max()),
+        clip=max(clips, key=lambda path: path.stat().st_mtime, default=None)
+        if table.name == "metrics.csv"
+        else None,
+    )
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    try:
+        manifest = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        raise UserError(f"{path.with_suffix('.csv')}: no {path.name} beside it") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: cannot be read: {error}") from error
+    config = manifest.get("config") if isinstance(manifest, dict) else None
+    if not isinstance(config, dict):
+        raise UserError(f"{path}: is not the description of a run")
+    for name, kind in _NEEDED.items():
+        if not isinstance(config.get(name), kind) or config[name] is True:
+            raise UserError(f"{path}: {name} is {config.get(name)!r}, not that of a run")
+    if not math.isfinite(config["shift"]):
+        raise UserError(f"{path}: shift is {config['shift']}, not that of a run")
+    return manifest
+
+
+def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested options as full names, such as potential.gamma; lists become tuples."""
+    flat = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{name}.")
+        else:
+            flat[prefix + name] = tuple(value) if isinstance(value, list) else value
+    return flat

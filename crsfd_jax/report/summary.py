@@ -1,0 +1,122 @@
+"""What is said of a cell, and of two cells or two methods beside each other."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from crsfd_jax.report import statistics
+from crsfd_jax.report.cells import Cell
+from crsfd_jax.report.statistics import Estimate
+
+LEVEL = 0.9
+"""Success rate at which a task counts as learned."""
+
+
+class Summary(NamedTuple):
+    """Numbers of a cell."""
+
+    mean: float
+    """Of the final success of the seeds."""
+    std: float
+    """Population standard deviation, as the figures draw it."""
+    interquartile: Estimate
+    """Interquartile mean of the final success."""
+    steps_to_level: float
+    """Steps at the first evaluation whose mean over all seeds is LEVEL; infinite if none."""
+    seeds_at_level: int
+    """Seeds with an evaluation at LEVEL or above."""
+    area: float
+    """Mean area under the curve."""
+    wall_s: float
+
+
+class Comparison(NamedTuple):
+    """One method against another on the same tasks, positive where the first is ahead."""
+
+    tasks: int
+    steps: tuple[int, ...]
+    """Environment steps that each task is compared up to: those that both have made."""
+    final: Estimate
+    """Difference of the final success."""
+    area: Estimate
+    """Difference of the area under the curve."""
+    better_final: Estimate
+    """Chance that a seed of the first has the larger final success."""
+    better_area: Estimate
+
+
+class Scores(NamedTuple):
+    """Scores [S] of the seeds of two cells over the same steps."""
+
+    steps: int
+    final: tuple[np.ndarray, np.ndarray]
+    area: tuple[np.ndarray, np.ndarray]
+    final_gap: np.ndarray
+    """[pairs] first minus second, seed by seed."""
+    area_gap: np.ndarray
+
+
+def summarise(cell: Cell) -> Summary:
+    """The numbers of a cell over its own steps."""
+    curve, last = cell.curve, statistics.final(*cell.curve)
+    each = [statistics.first_at(curve.env_steps, seed, LEVEL) for seed in curve.values.T]
+    return Summary(
+        mean=float(last.mean()),
+        std=float(last.std()),
+        interquartile=statistics.interquartile_interval([last]),
+        steps_to_level=statistics.first_at(curve.env_steps, curve.values.mean(axis=1), LEVEL),
+        seeds_at_level=int(np.isfinite(each).sum()),
+        area=float(statistics.area(*curve).mean()),
+        wall_s=sum(run.wall_s for run in cell.runs),
+    )
+
+
+def scores(ours: Cell, theirs: Cell) -> Scores | None:
+    """Scores of two cells of one task, up to the steps that both have made.
+
+    Without a seed in common, seeds are paired in their order.
+
+    Returns:
+      None if a seed has no evaluation in those steps.
+    """
+    last = min((cell.steps for cell in (ours, theirs) if cell.interacts), default=ours.steps)
+    kept = [_upto(cell, last) for cell in (ours, theirs)]
+    final = [statistics.final(*curve) for curve in kept]
+    area = [statistics.area(*curve) for curve in kept]
+    if not np.isfinite(np.concatenate(final)).all():
+        return None
+    first, second = _pairs(ours.seeds, theirs.seeds)
+    return Scores(
+        steps=last,
+        final=(final[0], final[1]),
+        area=(area[0], area[1]),
+        final_gap=final[0][first] - final[1][second],
+        area_gap=area[0][first] - area[1][second],
+    )
+
+
+def compare(pairs: Sequence[tuple[Cell, Cell]]) -> Comparison | None:
+    """A method against another, on one or more tasks; None if no task has steps in common."""
+    each = [task for task in (scores(ours, theirs) for ours, theirs in pairs) if task]
+    if not each:
+        return None
+    return Comparison(
+        tasks=len(each),
+        steps=tuple(task.steps for task in each),
+        final=statistics.mean_interval([task.final_gap for task in each]),
+        area=statistics.mean_interval([task.area_gap for task in each]),
+        better_final=statistics.improvement(*zip(*(task.final for task in each), strict=True)),
+        better_area=statistics.improvement(*zip(*(task.area for task in each), strict=True)),
+    )
+
+
+def _upto(cell: Cell, last: int) -> tuple[np.ndarray, np.ndarray]:
+    return cell.curve if not cell.interacts else statistics.upto(*cell.curve, last)
+
+
+def _pairs(ours: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of the seeds that both cells have, in the same order."""
+    _, first, second = np.intersect1d(ours, theirs, return_indices=True)
+    rows = np.arange(min(len(ours), len(theirs)))
+    return (first, second) if len(first) else (rows, rows)

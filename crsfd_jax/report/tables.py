@@ -1,0 +1,145 @@
+"""The tables of the report, as rows of words."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from crsfd_jax.report.cells import Cell, unusual_options
+from crsfd_jax.report.evidence import show
+from crsfd_jax.report.intervals import wilson_interval
+from crsfd_jax.report.methods import style
+from crsfd_jax.report.statistics import Estimate
+from crsfd_jax.report.summary import LEVEL, Comparison, compare, summarise
+from crsfd_jax.report.transfer import Transfer
+
+
+class Table(NamedTuple):
+    """Rows of cells below a head; the first columns hold words, the others numbers."""
+
+    head: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    words: int
+
+
+def results(cells: Sequence[Cell]) -> Table:
+    """A row for each method on each task."""
+    level = f"{LEVEL * 100:g} %"
+    head = ("task", "method", "seeds", "steps", "final success", "IQM, 95 % interval")
+    head += (f"steps to {level}", f"seeds at {level}", "area", "wall time")
+    rows, above = [], None
+    for cell in cells:
+        task = str(cell.task) if cell.task != above else ""
+        rows.append((task, *_result(cell)))
+        above = cell.task
+    return Table(head, rows, 2)
+
+
+def name(cell: Cell) -> str:
+    """Method and variant of a cell."""
+    return ", ".join(filter(None, (style(cell.method).label, cell.variant)))
+
+
+def comparisons(cells: Sequence[Cell], ours: str) -> tuple[Table, Table]:
+    """One method against each other: over all tasks that both have, and task by task."""
+    usual = [cell for cell in cells if not cell.variant]
+    own = {cell.task: cell for cell in usual if cell.method == ours}
+    pairs: dict[str, list[tuple[Cell, Cell]]] = {}
+    for cell in usual:
+        if cell.method != ours and cell.task in own:
+            pairs.setdefault(cell.method, []).append((own[cell.task], cell))
+    head = ("difference of area", "difference of final success")
+    head += ("P(better area)", "P(better final)", "steps")
+    over_all, each = (
+        Table(("against", "tasks", *head), [], 1),
+        Table(("task", "against", *head), [], 2),
+    )
+    for method, tasks in pairs.items():
+        label, found = style(method).label, compare(tasks)
+        if found:
+            over_all.rows.append((label, str(found.tasks), *_comparison(found)))
+        for pair in tasks:
+            found = compare([pair])
+            if found:
+                each.rows.append((str(pair[0].task), label, *_comparison(found)))
+    return over_all, Table(each.head, sorted(each.rows, key=lambda row: row[0]), each.words)
+
+
+def transfers(found: Sequence[Transfer], paper: dict[str, float]) -> Table:
+    """Held-out trials of each shape beside the paper's on the real arm."""
+    rows = []
+    for each in found:
+        rate = each.successes / each.trials
+        interval = Estimate(rate, *wilson_interval(each.successes, each.trials))
+        theirs = f"{paper[each.shape]:.2f}" if each.shape in paper else ""
+        rows.append(
+            (each.label, each.shape, show(interval), f"{each.successes} of {each.trials}", theirs)
+        )
+    head = ("method", "shape", "success, 95 % interval", "trials", "paper, real arm, 25 trials")
+    return Table(head, rows, 2)
+
+
+def machines(cells: Sequence[Cell]) -> Table:
+    """What the runs were made on and with, and when."""
+    groups: dict[tuple[str, str], list] = {}
+    for run in (run for cell in cells for run in cell.runs):
+        versions = run.about.get("versions")
+        known = versions.items() if isinstance(versions, dict) else ()
+        text = ", ".join(f"{package} {version}" for package, version in known) or "not recorded"
+        groups.setdefault((str(run.about.get("device", "not recorded")), text), []).append(run)
+    rows = []
+    for (device, versions), runs in groups.items():
+        dates = sorted(str(run.about.get("started", "not recorded"))[:10] for run in runs)
+        span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
+        wall = duration(math.fsum(run.wall_s for run in runs))
+        rows.append((device, versions, span, str(len(runs)), wall))
+    return Table(("device", "versions", "started", "runs", "wall time"), rows, 2)
+
+
+def options(cells: Sequence[Cell]) -> Table:
+    """Options that are not at their default, of each method."""
+    rows = [
+        (style(method).label, ", ".join(f"{name} {value}" for name, value in found.items()))
+        for method, found in unusual_options(cells).items()
+    ]
+    return Table(("method", "options"), [row for row in rows if row[1]], 2)
+
+
+def duration(seconds: float) -> str:
+    """Hours and minutes, or seconds of a short time."""
+    if not math.isfinite(seconds):
+        return "not recorded"
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
+
+
+def _result(cell: Cell) -> tuple[str, ...]:
+    found = summarise(cell)
+    reached = f"{found.steps_to_level:,.0f}"
+    return (
+        name(cell),
+        str(len(cell.seeds)),
+        f"{cell.steps:,}" if cell.interacts else "no interaction",
+        f"{found.mean:.3f} ± {found.std:.3f}",
+        show(found.interquartile),
+        ""
+        if not cell.interacts
+        else reached
+        if math.isfinite(found.steps_to_level)
+        else "not reached",
+        f"{found.seeds_at_level} of {len(cell.seeds)}",
+        f"{found.area:.3f}",
+        duration(found.wall_s),
+    )
+
+
+def _comparison(found: Comparison) -> tuple[str, ...]:
+    low, high = min(found.steps), max(found.steps)
+    return (
+        show(found.area, "+.3f"),
+        show(found.final, "+.3f"),
+        show(found.better_area, ".2f"),
+        show(found.better_final, ".2f"),
+        f"{low:,}" if low == high else f"{low:,} to {high:,}",
+    )

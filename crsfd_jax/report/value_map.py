@@ -1,0 +1,205 @@
+"""Pictures of the potential that shapes CRSfD's rewards, with the demonstrations drawn in."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import matplotlib.figure
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+
+from crsfd_jax import free_space
+from crsfd_jax.algorithms import crsfd
+from crsfd_jax.algorithms.method import Preparation
+from crsfd_jax.config import Config, Potential, Scene
+from crsfd_jax.demos import builtin
+from crsfd_jax.demos.dataset import Demonstrations
+from crsfd_jax.learn import potential
+from crsfd_jax.observation import CLIP, POSE_SCALE, TIP_POSE
+from crsfd_jax.report.cells import Cell
+from crsfd_jax.report.figures import clean, save
+from crsfd_jax.scene.build import build
+from crsfd_jax.scene.digits import HOLE_DEPTH
+from crsfd_jax.types import Transition
+
+Phi = Callable[[np.ndarray], np.ndarray]
+"""Potential [...] of upright or tilted poses [..., 6]: tip position (m) and rotation vector (rad)
+in the frame of the nominal socket's mouth."""
+SHIFTS_MM = (4, 6, 8)
+_SIDE, _LOW, _HIGH = 0.03, -0.035, 0.075
+"""m, half width of the pictures, and their lowest and highest point."""
+_PIXELS = 121
+_LEVELS = np.linspace(0, 1, 21)
+
+
+def draw_of(cells: Sequence[Cell], path: Path) -> str:
+    """Draws the potential of the CRSfD runs among cells, or that of the default options.
+
+    Returns:
+      What the picture shows, in words.
+
+    Raises:
+      UserError: their demonstrations cannot be used.
+    """
+    options = next((c.runs[0].options for c in cells if c.method == "crsfd" and not c.variant), {})
+    draw(*fit(_config(options)), path)
+    return (
+        "The potential that shapes the rewards, fitted as in training, for a tip at rest in the "
+        "frame of the nominal socket. Orange: tip of the demonstrations, seen from above and from "
+        "the side, with a dot at the end. Squares: where the socket's centre may lie at shifts of "
+        "4, 6 and 8 mm. Hatched: out of reach whichever of them it is."
+    )
+
+
+def fit(config: Config) -> tuple[Phi, np.ndarray]:
+    """The potential as a run fits it, and the tip of its demonstrations.
+
+    Returns:
+      The potential and positions [K, T, 3], m, NaN after the end of an episode.
+
+    Raises:
+      UserError: the demonstrations cannot be used.
+    """
+    demos = builtin.load(config.demos, config.demo_episodes)
+    names = Transition.__dataclass_fields__
+    transitions = Transition(**{name: jnp.asarray(getattr(demos, name)) for name in names})
+    sampler = free_space.make(build(config.scene), config.potential.free_space_extent)
+    key = jax.random.key(config.seed)
+    fitted = crsfd.prepare(key, Preparation(transitions, sampler), config)
+
+    def phi(poses: np.ndarray) -> np.ndarray:
+        features = jnp.clip(jnp.asarray(poses / POSE_SCALE), -CLIP, CLIP)
+        return np.asarray(potential.evaluate(fitted, features))
+
+    return phi, tracks(demos)
+
+
+def _config(options: dict[str, Any]) -> Config:
+    """Default options but for those that the potential depends on, by their full names."""
+    parts = {}
+    for name, group in (("potential", Potential), ("scene", Scene)):
+        names = {field.name for field in dataclasses.fields(group)}
+        known = {n: options[f"{name}.{n}"] for n in names if f"{name}.{n}" in options}
+        parts[name] = group(**known)
+    chosen = {name: options[name] for name in ("demos", "demo_episodes") if name in options}
+    return Config(**chosen, **parts)
+
+
+def tracks(demos: Demonstrations) -> np.ndarray:
+    """Tip positions [K, T, 3] of the episodes, m, NaN after the end of each."""
+    tip = demos.obs[:, TIP_POSE][:, :3] * POSE_SCALE[:3]
+    last = demos.next_obs[:, TIP_POSE][:, :3] * POSE_SCALE[:3]
+    found = np.full((len(demos.episode_length), demos.episode_length.max() + 1, 3), np.nan)
+    ends = np.cumsum(demos.episode_length)
+    for row, end, length in zip(found, ends, demos.episode_length, strict=True):
+        row[:length], row[length] = tip[end - length : end], last[end - 1]
+    return found
+
+
+def draw(phi: Phi, demos: np.ndarray, path: Path) -> None:
+    """Writes the socket plane, a vertical cut and three profiles as PNG.
+
+    Args:
+      demos: [K, T, 3] tip positions, as from `tracks`.
+    """
+    canvas = matplotlib.figure.Figure((10.5, 7.4), layout="constrained")
+    halves: Any = canvas.subfigures(2, 1, height_ratios=(1.75, 1))
+    plane, cut = halves[0].subplots(1, 2)
+    _draw_plane(plane, phi, demos)
+    shown = _draw_cut(cut, phi, demos)
+    ticks = np.linspace(0, 1, 6)
+    halves[0].colorbar(shown, ax=[plane, cut], label="potential", shrink=0.9, ticks=ticks)
+    profiles = halves[1].subplots(1, len(PROFILES), sharey=True)
+    for axes, (title, unit, along) in zip(profiles, PROFILES, strict=True):
+        _draw_profile(axes, phi, title, unit, along)
+    save(canvas, path)
+
+
+def _line(axis: int, low: float, high: float) -> np.ndarray:
+    """Poses [N, 6] along one axis through the mouth, upright but for that axis."""
+    poses = np.zeros((201, 6))
+    poses[:, axis] = np.linspace(low, high, len(poses))
+    return poses
+
+
+PROFILES = (
+    ("along x, at the mouth", "x, mm", (1e3, 0, _line(0, -_SIDE, _SIDE))),
+    ("along z, on the axis", "z above the mouth, mm", (1e3, 2, _line(2, _LOW, _HIGH))),
+    ("tilted about x, at the mouth", "tilt, degrees", (180 / np.pi, 3, _line(3, -0.15, 0.15))),
+)
+"""Title, unit and (factor to it, axis, poses) of the small plots."""
+
+
+def _grid(across: np.ndarray, axis: int, up: np.ndarray) -> np.ndarray:
+    """Upright poses [len(up), len(across), 6]: x along columns, another axis along rows."""
+    poses = np.zeros((len(up), len(across), 6))
+    poses[..., 0], poses[..., axis] = across[None, :], up[:, None]
+    return poses
+
+
+def _draw_plane(axes: Axes, phi: Phi, demos: np.ndarray) -> None:
+    side = np.linspace(-_SIDE, _SIDE, _PIXELS)
+    values = phi(_grid(side, 1, side))
+    axes.contourf(side * 1e3, side * 1e3, values, _LEVELS, cmap="Blues")
+    _draw_tracks(axes, demos, 1)
+    for shift in SHIFTS_MM:
+        axes.add_patch(
+            Rectangle((-shift / 2, -shift / 2), shift, shift, fill=False, edgecolor="k", lw=0.9)
+        )
+    axes.annotate(
+        "socket offsets: 4, 6, 8 mm squares", (4, -4), (27, -27), ha="right", fontsize=8.5,
+        arrowprops={"arrowstyle": "-", "lw": 0.7}, bbox=_PAPER,
+    )  # fmt: skip
+    _finish(axes, "plane of the mouth, peg upright", "y, mm")
+
+
+def _draw_cut(axes: Axes, phi: Phi, demos: np.ndarray):
+    side, up = np.linspace(-_SIDE, _SIDE, _PIXELS), np.linspace(_LOW, _HIGH, _PIXELS)
+    shown = axes.contourf(side * 1e3, up * 1e3, phi(_grid(side, 2, up)), _LEVELS, cmap="Blues")
+    _draw_tracks(axes, demos, 2)
+    axes.axhline(0, color="k", linewidth=0.9)
+    axes.axhline(-HOLE_DEPTH * 1e3, color="k", linewidth=0.9, linestyle="--")
+    reach = (max(SHIFTS_MM) + 1) / 2
+    for left in (-_SIDE * 1e3, reach):
+        corner, width = (left, _LOW * 1e3), _SIDE * 1e3 - reach
+        axes.add_patch(Rectangle(corner, width, -_LOW * 1e3, color="0.93", alpha=0.85, hatch="//"))
+    axes.text(17, -18, "inside the socket:\nout of reach", fontsize=8.5, ha="center", bbox=_PAPER)
+    axes.text(-29, 1, "mouth", fontsize=8.5, bbox=_PAPER)
+    axes.text(-29, -HOLE_DEPTH * 1e3 + 1, "bottom", fontsize=8.5, bbox=_PAPER)
+    _finish(axes, "cut at y = 0, peg upright", "z above the mouth, mm")
+    return shown
+
+
+_PAPER = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.5}
+
+
+def _draw_tracks(axes: Axes, demos: np.ndarray, axis: int) -> None:
+    for track in demos * 1e3:
+        axes.plot(track[:, 0], track[:, axis], color="#D55E00", linewidth=0.7, alpha=0.55)
+    ends = np.array([track[np.isfinite(track[:, 0])][-1] for track in demos]) * 1e3
+    axes.plot(ends[:, 0], ends[:, axis], "o", color="#8F3F00", markersize=2.2)
+
+
+def _finish(axes: Axes, title: str, vertical: str) -> None:
+    axes.set_title(title, fontsize=10.5)
+    axes.set_xlabel("x, mm", fontsize=10)
+    axes.set_ylabel(vertical, fontsize=10)
+    axes.set_xlim(-_SIDE * 1e3, _SIDE * 1e3)
+    bounds = (-_SIDE, _SIDE) if vertical.startswith("y") else (_LOW, _HIGH)
+    axes.set_ylim(bounds[0] * 1e3, bounds[1] * 1e3)
+    axes.tick_params(labelsize=9)
+
+
+def _draw_profile(axes: Axes, phi: Phi, title: str, unit: str, along) -> None:
+    factor, axis, poses = along
+    axes.plot(poses[:, axis] * factor, phi(poses), color="#0072B2", linewidth=2)
+    clean(axes)
+    axes.set_title(title, fontsize=10.5)
+    axes.set_xlabel(unit, fontsize=10)
+    axes.set_ylim(0, 1.03)
+    if axis == 0:
+        axes.set_ylabel("potential", fontsize=10)

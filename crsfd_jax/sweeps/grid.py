@@ -1,0 +1,27 @@
+"""Words for writing experiments down: arguments of `python -m crsfd_jax.train`, combined."""
+
+import itertools
+from collections.abc import Sequence
+
+Arguments = tuple[str, ...]
+
+METHODS = ("crsfd", "sacfd", "sac", "bc", "rlpd", "rsgm", "pofd", "sqil", "gail", "gaifo")
+"""What the paper compares and RLPD, the most telling first."""
+_BUDGET = ("--steps", "300000", "--evaluation.every", "10240")
+_BUDGETS = {"bc": ("--steps", "40960", "--evaluation.every", "10240")}
+"""BC never meets its environment: steps only count its updates, and 10,240 of them are plenty."""
+
+
+def methods(*names: str) -> tuple[Arguments, ...]:
+    """An axis of methods, each with its budget of environment steps."""
+    return tuple(("--algorithm", name, *_BUDGETS.get(name, _BUDGET)) for name in names)
+
+
+def axis(option: str, *values: str) -> tuple[Arguments, ...]:
+    """An axis of the values of one option."""
+    return tuple((option, value) for value in values)
+
+
+def grid(*axes: Sequence[Arguments]) -> tuple[Arguments, ...]:
+    """Every combination of one entry of each axis; the first axis varies slowest."""
+    return tuple(tuple(itertools.chain(*entries)) for entries in itertools.product(*axes))

@@ -1,0 +1,62 @@
+"""Cells as tasks of Ray, on this machine or on a cluster whose machines share a folder."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from crsfd_jax import extras
+from crsfd_jax.sweeps.attempt import Outcome, Plan, run_cell
+from crsfd_jax.sweeps.cells import Cell
+
+_POLL_S = 0.5
+
+
+def run(
+    cells: Sequence[Cell],
+    plan: Plan,
+    workers: int,
+    gpus: float,
+    stopping: Callable[[], bool],
+) -> Iterator[Outcome]:
+    """Yields what became of each cell as soon as it is known.
+
+    With RAY_ADDRESS set, a cell is a task of that cluster; otherwise Ray starts here, with
+    `workers` places.
+
+    Raises:
+      UserError: Ray is not installed.
+    """
+    extras.require("--runner ray", "ray", "ray")
+    import ray
+
+    own_cluster = "RAY_ADDRESS" not in os.environ
+    on_terminate = signal.getsignal(signal.SIGTERM)
+    ray.init(num_cpus=workers if own_cluster else None, include_dashboard=False)
+    # Ray takes the signal for itself.
+    signal.signal(signal.SIGTERM, on_terminate)
+    try:
+        task = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=plan.retries)(run_cell)
+        names = {task.remote(cell, plan): cell.name for cell in cells}
+        waiting, cancelled = list(names), False
+        while waiting:
+            ready, waiting = ray.wait(waiting, timeout=_POLL_S)
+            if stopping() and not cancelled:
+                cancelled = True
+                for reference in waiting:
+                    ray.cancel(reference)
+            for reference in ready:
+                yield _outcome(names[reference], reference)
+    finally:
+        ray.shutdown()
+
+
+def _outcome(name: str, reference: Any) -> Outcome:
+    import ray
+
+    try:
+        return ray.get(reference)
+    except (ray.exceptions.TaskCancelledError, KeyboardInterrupt):
+        return Outcome(name, "stopped")
+    except ray.exceptions.RayError as error:
+        return Outcome(name, "failed", tuple(str(error).splitlines()[-5:]))

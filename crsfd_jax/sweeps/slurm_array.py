@@ -1,0 +1,110 @@
+"""Cells as the tasks of a SLURM job array, through submitit."""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+from crsfd_jax import extras
+from crsfd_jax.errors import UserError
+from crsfd_jax.interrupt import Interrupt
+from crsfd_jax.limits import Interval
+from crsfd_jax.sweeps.attempt import Outcome, Plan, run_cell
+from crsfd_jax.sweeps.cells import Cell
+
+_POLL_S = 2.0
+_TIMEOUTS = 100
+"""How often a job is queued again after its time was up."""
+_KEEP_WARNING = ("env", "--ignore-signal=USR2")
+"""SLURM warns every process of a job before its time is up; a run would die of the warning."""
+
+
+@dataclass(frozen=True)
+class Slurm:
+    """What a cell asks of SLURM."""
+
+    partition: str = ""
+    """Partition; empty for the cluster's default."""
+    minutes: Annotated[int, Interval(1, 100_000)] = 240
+    """Time limit of a job, after which it is queued again and goes on."""
+    cores: Annotated[int, Interval(1, 1024)] = 4
+    """CPU cores of a cell."""
+
+
+class Job(NamedTuple):
+    """A cell as submitit wants it: called in the job, `checkpoint` says how to go on."""
+
+    cell: Cell
+    plan: Plan
+
+    def __call__(self) -> Outcome:
+        with Interrupt() as interrupt:
+            return run_cell(self.cell, self.plan, lambda: interrupt.requested)
+
+    def checkpoint(self) -> Any:
+        """Called when the time is up; the cell finds its own place in its run folder."""
+        from submitit.helpers import DelayedSubmission
+
+        return DelayedSubmission(self)
+
+
+def run(
+    cells: Sequence[Cell],
+    plan: Plan,
+    workers: int,
+    gpus: float,
+    slurm: Slurm,
+    stopping: Callable[[], bool],
+    cluster: str = "slurm",
+) -> Iterator[Outcome]:
+    """Submits an array of the cells, `workers` at a time, and waits for it.
+
+    Args:
+      cluster: submitit's name of what runs the jobs.
+
+    Yields:
+      What became of each cell, as soon as it is known.
+
+    Raises:
+      UserError: submitit is not installed, or there is no SLURM here.
+    """
+    extras.require("--runner slurm", "slurm", "submitit")
+    import submitit
+
+    try:
+        executor = submitit.AutoExecutor(
+            plan.out / ".slurm", cluster, slurm_max_num_timeout=_TIMEOUTS
+        )
+    except RuntimeError as error:
+        raise UserError(f"--runner slurm: {error}; choose local or ray here") from error
+    asked: dict[str, Any] = {"slurm_partition": slurm.partition} if slurm.partition else {}
+    executor.update_parameters(
+        name="crsfd_jax",
+        timeout_min=slurm.minutes,
+        cpus_per_task=slurm.cores,
+        gpus_per_node=math.ceil(gpus),
+        slurm_array_parallelism=workers,
+        **asked,
+    )
+    plan = plan._replace(command=(*_KEEP_WARNING, *plan.command))
+    with executor.batch():
+        jobs = {cell.name: executor.submit(Job(cell, plan)) for cell in cells}
+    cancelled = False
+    while jobs:
+        if stopping() and not cancelled:
+            cancelled = True
+            for job in jobs.values():
+                job.cancel()
+        for name in [name for name, job in jobs.items() if job.done()]:
+            yield _outcome(name, jobs.pop(name), cancelled)
+        time.sleep(_POLL_S if jobs else 0)
+
+
+def _outcome(name: str, job: Any, cancelled: bool) -> Outcome:
+    error = job.exception()
+    if error is None:
+        return job.result()
+    if cancelled:
+        return Outcome(name, "stopped")
+    return Outcome(name, "failed", tuple(str(error).strip().splitlines()[-5:]))

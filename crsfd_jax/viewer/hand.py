@@ -1,0 +1,103 @@
+"""Demonstrations by a person's hand: a goal for the tip becomes actions, and episodes a file."""
+
+import datetime
+from typing import NamedTuple
+
+import numpy as np
+
+from crsfd_jax import artefacts, config
+from crsfd_jax.demos import dataset, layout
+from crsfd_jax.demos.provenance import Provenance, obs_layout
+from crsfd_jax.env import EnvState, Outcome
+from crsfd_jax.physics.interface import CONTROL_DT
+from crsfd_jax.randomisation import Randomisation
+
+LONGEST = 600
+"""Control steps, a minute: an episode by hand that takes longer is truncated."""
+NUDGE = 0.005
+"""m, that a key moves the goal."""
+
+
+class Taken(NamedTuple):
+    """One control step under a person's hand."""
+
+    before: EnvState
+    action: np.ndarray
+    """[6]."""
+    outcome: Outcome
+
+
+def scale(mdp: config.Mdp) -> np.ndarray:
+    """[6] m and rad, displacement for an action of 1."""
+    return np.array([mdp.translation_scale] * 3 + [mdp.rotation_scale] * 3)
+
+
+def action_towards(mdp: config.Mdp, tip: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """[1, 6] float32 action that brings the tip's setpoint as near to a goal as one step can.
+
+    Args:
+      tip: [6] m and rad, in the nominal socket's frame.
+      goal: [6] likewise.
+    """
+    return np.clip((goal - tip) / scale(mdp), -1, 1)[None].astype(np.float32)
+
+
+def refusal(options: config.Config) -> str:
+    """Why demonstrations of this task could not be replayed, or "" if they could."""
+    usual, mdp = config.Scene(clearance=options.scene.clearance), config.Mdp()
+    if options.scene != usual:
+        return "recording needs the default footprint and friction of the scene"
+    if not np.array_equal(scale(options.mdp), scale(mdp)):
+        return "recording needs the default action scales"
+    if options.randomisation != Randomisation():
+        return "recording needs a run without randomisation"
+    return ""
+
+
+def episode(steps: list[Taken]) -> layout.Episode:
+    """The steps of one episode, truncated where it stopped unless it had ended itself."""
+
+    def stack(values) -> np.ndarray:
+        return np.stack([np.asarray(value)[0] for value in values])
+
+    terminated = stack(step.outcome.terminated for step in steps)
+    truncated = np.zeros_like(terminated)
+    truncated[-1] = not terminated[-1]
+    start = steps[0].before
+    return layout.Episode(
+        obs=stack(step.before.obs for step in steps),
+        next_obs=stack(step.outcome.next_obs for step in steps),
+        action=np.stack([step.action for step in steps]),
+        reward=stack(step.outcome.reward for step in steps),
+        terminated=terminated,
+        truncated=truncated,
+        start_qpos=np.asarray(start.physics.qpos)[0],
+        socket_offset=np.asarray(start.around.socket_offset)[0],
+    )
+
+
+def demonstrations(
+    episodes: list[layout.Episode], options: config.Config, shape: str, shift: float, command: str
+) -> dataset.Demonstrations:
+    """Everything that was recorded, ready to be saved.
+
+    Raises:
+      UserError: there is no episode.
+    """
+    success = [bool(one.terminated[-1]) for one in episodes]
+    source = Provenance(
+        shape=shape,
+        clearance_m=options.scene.clearance,
+        shift_m=shift,
+        control_dt_s=CONTROL_DT,
+        obs_layout=obs_layout(),
+        action_scale=scale(options.mdp).tolist(),
+        expert="recorded by hand",
+        expert_success_rate=float(np.mean(success)) if success else 0.0,
+        noise=0.0,
+        seed=0,
+        command=command,
+        versions=artefacts.versions(),
+        date=datetime.datetime.now(datetime.UTC).date().isoformat(),
+    )
+    return layout.join(episodes, source)

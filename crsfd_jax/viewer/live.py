@@ -1,0 +1,121 @@
+"""The policies of a run acting in the native engine, one control step at a time."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from crsfd_jax import artefacts, config, env, policy, task
+from crsfd_jax.env import EnvState, Outcome
+from crsfd_jax.errors import UserError
+from crsfd_jax.learn import networks
+from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.scene.build import Scene
+from crsfd_jax.shapes import read
+
+_ENGINE = "native"
+_ENDLESS = 100_000
+"""Steps after which the environment itself would end an episode; viewers end it earlier."""
+
+
+class Task(NamedTuple):
+    """What a viewer may change about the task."""
+
+    shape: str
+    shift: float
+    """m, side of the square of socket offsets."""
+    friction: float
+
+
+class Step(NamedTuple):
+    """One control step of one arm."""
+
+    state: EnvState
+    """As the step left it, also at the end of an episode."""
+    outcome: Outcome
+    setpoint: np.ndarray
+    """[6] m and rad, what the impedance control pulled towards."""
+
+
+class Live(NamedTuple):
+    """One arm, and the policies that can move it."""
+
+    scene: Scene
+    config: config.Config
+    reset: Callable[[Task, jax.Array], EnvState]
+    """(task, key) -> a fresh episode."""
+    change_friction: Callable[[EnvState, float], EnvState]
+    """The episode goes on under another friction."""
+    act: Callable[[int, EnvState], jax.Array]
+    """(row of the seed, state) -> action [1, 6] of the deterministic policy."""
+    advance: Callable[[EnvState, jax.Array], Step]
+    """No episode is truncated: how long it may take is the caller's choice."""
+
+
+def load(run: str) -> Live:
+    """The policies of a run folder.
+
+    Raises:
+      UserError: the folder holds no run or no policy.
+    """
+    options = artefacts.read_config(run)
+    nets = networks.make_networks(options.sac, ACTION_SIZE)
+    keys = jax.random.split(jax.random.key(0), options.seeds)
+    like = jax.eval_shape(jax.vmap(lambda key: nets.actor.init(key, jnp.zeros(OBS_SIZE))), keys)
+    return make(options, policy.load(Path(run), like))
+
+
+def task_of(loaded: Live, shape: str | None, shift: float | None) -> Task:
+    """The task that a command line asks for; None stands for the run's own value.
+
+    Raises:
+      UserError: the run's scene has no such shape.
+    """
+    options = loaded.config
+    shown = shape or read(options.shape)[0]
+    if shown not in loaded.scene.shapes:
+        known = ", ".join(name.partition("=")[0] for name in loaded.scene.shapes)
+        raise UserError(f"--shape: got {shown!r}, allowed for this run: {known}; choose one")
+    side = options.shift if shift is None else shift
+    return Task(shown, side, options.scene.friction)
+
+
+def make(options: config.Config, actors: Any) -> Live:
+    """One arm in the scene of the options.
+
+    Args:
+      actors: actor parameters of all seeds, [S, ...] each.
+    """
+    endless = dataclasses.replace(options.mdp, horizon=_ENDLESS)
+    world = task.make_env(dataclasses.replace(options, engine=_ENGINE, mdp=endless))
+    _, scene = task.engine(_ENGINE, options.scene, task.shapes_known(options))
+    nets = networks.make_networks(options.sac, ACTION_SIZE)
+    mode = jax.jit(lambda actor, obs: networks.mode_action(nets.actor, actor, obs))
+    advance = jax.jit(world.advance)
+    setpoint = jax.jit(lambda tip, action: env.setpoint(options.mdp, tip, action))
+
+    def change_friction(state: EnvState, friction: float) -> EnvState:
+        everywhere = jnp.full(1, friction, jnp.float32)
+        return state.replace(around=state.around.replace(friction=everywhere))
+
+    def reset(wanted: Task, key: jax.Array) -> EnvState:
+        start_key, offset_key = jax.random.split(key)
+        state, half = world.reset(start_key, 1), wanted.shift / 2
+        around = state.around.replace(
+            shape=jnp.full(1, scene.shapes.index(wanted.shape), jnp.int32),
+            socket_offset=jax.random.uniform(offset_key, (1, 2), minval=-half, maxval=half),
+        )
+        return change_friction(state.replace(around=around), wanted.friction)
+
+    def act(seed: int, state: EnvState) -> jax.Array:
+        return mode(jax.tree.map(lambda leaf: leaf[seed], actors), state.obs)
+
+    def step(state: EnvState, action: jax.Array) -> Step:
+        after, outcome = advance(state, action)
+        return Step(after, outcome, np.asarray(setpoint(state.tip, action))[0])
+
+    return Live(scene, options, reset, change_friction, act, step)

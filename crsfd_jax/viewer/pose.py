@@ -1,0 +1,44 @@
+"""Where the arm is drawn between two control steps, which come ten times a second."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from crsfd_jax.env import EnvState
+
+
+class Pose(NamedTuple):
+    """What a picture of the arm shows."""
+
+    qpos: np.ndarray
+    """[7] rad."""
+    qvel: np.ndarray
+    """[7] rad/s."""
+    socket_offset: np.ndarray
+    """[2] m."""
+    setpoint: np.ndarray
+    """[6] m and rad."""
+
+
+def between(before: EnvState, after: EnvState, setpoint: np.ndarray, count: int) -> Iterator[Pose]:
+    """`count` poses on the way from one state of an arm to the next, the last one there."""
+    ends = [np.asarray(state.physics.qpos)[0] for state in (before, after)]
+    speeds = [np.asarray(state.physics.qvel)[0] for state in (before, after)]
+    offset = np.asarray(after.around.socket_offset)[0]
+    for share in np.linspace(0, 1, count + 1)[1:]:
+        qpos, qvel = ((1 - share) * first + share * last for first, last in (ends, speeds))
+        yield Pose(qpos, qvel, offset, setpoint)
+
+
+def still(state: EnvState) -> Pose:
+    """The arm at rest where a state has it, pulled nowhere."""
+    return next(between(state, state, np.asarray(state.tip)[0], 1))
+
+
+def put(model: mujoco.MjModel, data: mujoco.MjData, pose: Pose, nominal: np.ndarray) -> None:
+    """Brings a simulation to a pose, contact forces included."""
+    data.qpos[:], data.qvel[:], data.ctrl[:] = pose.qpos, pose.qvel, pose.setpoint
+    data.mocap_pos[0] = nominal + np.array([*pose.socket_offset, 0.0])
+    mujoco.mj_forward(model, data)

@@ -1,0 +1,77 @@
+"""The viewer's page: served until it is stopped."""
+
+import logging
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from crsfd_jax import compile_cache, extras
+from crsfd_jax.errors import UserError
+from crsfd_jax.report import value_map
+from crsfd_jax.viewer import drawing, live, panel, potential_map, session
+
+
+def watch(run: str, shape: str | None, shift: float | None, host: str, port: int) -> None:
+    """Serves a page on which the policies of a run act, until Ctrl-C.
+
+    Raises:
+      UserError: the run or the port cannot be used, or the extra is missing.
+    """
+    extras.require("the browser viewer", "view", "mjviser", "viser")
+    _refuse_taken(host, port)
+    compile_cache.enable()
+    with opened(run, shape, shift, host, port) as page:
+        print(hint(host, port), flush=True)
+        try:
+            while True:
+                session.step(page)
+        except KeyboardInterrupt:
+            print()
+
+
+@contextmanager
+def opened(
+    run: str, shape: str | None, shift: float | None, host: str, port: int
+) -> Iterator[session.Session]:
+    """A page that is served while the block lasts; `session.step` keeps it moving."""
+    import viser
+
+    loaded = live.load(run)
+    wanted = live.task_of(loaded, shape, shift)
+    phi, _ = value_map.fit(loaded.config)
+    # Browsers open connections in advance and drop them, which is no error.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    server: Any = viser.ViserServer(host=host, port=port, label="crsfd_jax", verbose=False)
+    try:
+        drawn = drawing.make(server, loaded.scene, wanted.shape, potential_map.over_mouth(phi))
+        controls = panel.make(server, loaded, wanted)
+        yield session.start(loaded, drawn, controls, loaded.config.seed)
+    finally:
+        server.stop()
+
+
+def hint(host: str, port: int) -> str:
+    """Where the page is, and how to see it from another machine."""
+    lines = [f"open http://localhost:{port} in a browser; Ctrl-C stops"]
+    if host in ("127.0.0.1", "localhost"):
+        name = socket.gethostname()
+        lines.append(
+            f"from another machine: ssh -L {port}:localhost:{port} {name}, then the same address"
+        )
+    return "\n".join(lines)
+
+
+def _refuse_taken(host: str, port: int) -> None:
+    """Refuses a port that is in use; viser would quietly take another one.
+
+    Raises:
+      UserError: it is, or the address is none of this machine's.
+    """
+    try:
+        with socket.create_server((host, port)):
+            pass
+    except OSError as error:
+        raise UserError(
+            f"--port: got {host}:{port}, allowed: a free one; choose another ({error.strerror})"
+        ) from None

@@ -1,0 +1,85 @@
+"""The control loop on a simulated arm: how often does an exported policy insert?
+
+Hypothesis: `control_loop.py`, which shares no code with the training environment, inserts as often
+as `python -m crsfd_jax.evaluate` says.
+
+Commands:
+    python -m crsfd_jax.export RUN --format npz --check
+    python experiments/simulated_arm.py RUN/export/npz 500
+"""
+
+import sys
+from pathlib import Path
+
+import control_loop
+import jax
+import numpy as np
+
+from crsfd_jax import config, task
+from crsfd_jax.env import inserted
+from crsfd_jax.report.intervals import wilson_interval
+from crsfd_jax.scene import kinematics
+
+
+class SimulatedArm:
+    """A robot for the control loop: one arm of the native engine, started anew by `restart`."""
+
+    def __init__(self, contract: dict):
+        does = contract["task"]
+        parts = config.Scene(**{k: does[k] for k in ("clearance", "footprint", "friction")})
+        options = config.Config(
+            shape=does["shape"], shift=does["shift"], scene=parts, engine="native"
+        )
+        known = task.shapes_known(options)
+        engine, self.scene = task.engine("native", parts, known)
+        self._reset = jax.jit(task.make_env(options).reset, static_argnums=1)
+        self._step = jax.jit(engine.step)
+        self._links = kinematics.chain(self.scene)
+        self._pose = jax.jit(lambda qpos: kinematics.tip_pose(self._links, qpos))
+
+    def restart(self, seed: int) -> None:
+        """Draws the start of an episode and the place of the socket."""
+        self.state = self._reset(jax.random.key(seed), 1)
+
+    def read(self):
+        """What the arm measures."""
+        physics = self.state.physics
+        q, dq = np.asarray(physics.qpos[0]), np.asarray(physics.qvel[0])
+        position, rotation, jacobian = (np.asarray(x) for x in self._pose(q))
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, position + self.scene.nominal
+        return q, dq, pose, jacobian @ dq
+
+    def hold(self, pose: np.ndarray) -> None:
+        """Simulates one control period with this setpoint."""
+        position = pose[:3, 3] - self.scene.nominal
+        vector = kinematics.rotation_vector(pose[:3, :3])
+        setpoint = np.concatenate([position, vector])[None].astype(np.float32)
+        physics = self._step(self.state.physics, self.state.around, setpoint)
+        self.state = self.state.replace(physics=physics)
+
+    def is_inserted(self) -> bool:
+        """The truth, which a real arm does not know: at the bottom of its own socket."""
+        position = np.asarray(self._pose(self.state.physics.qpos[0])[0])
+        return bool(inserted(position[None], self.state.around)[0])
+
+
+def main(folder: Path, episodes: int) -> None:
+    """Plays episodes and prints the success rate."""
+    contract, layers = control_loop.load(folder)
+    arm = SimulatedArm(contract)
+    successes, wrong = 0, 0
+    for seed in range(episodes):
+        arm.restart(seed)
+        said = control_loop.insert(arm, contract, layers)
+        successes += arm.is_inserted()
+        wrong += said != arm.is_inserted()
+    low, high = wilson_interval(successes, episodes)
+    print(
+        f"success {successes / episodes:.3f}, 95 % interval {low:.3f} to {high:.3f} "
+        f"({successes} of {episodes}); the loop was wrong about {wrong}"
+    )
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,444 @@
+"""From run folders to a page: reading, sorting, comparing, judging and showing."""
+
+import dataclasses
+import json
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from crsfd_jax import algorithms, metrics
+from crsfd_jax.config import ALGORITHMS, Config, Potential, to_dict
+from crsfd_jax.errors import UserError
+from crsfd_jax.randomisation import TRAINING
+from crsfd_jax.report import __main__ as program
+from crsfd_jax.report import cells as grouping
+from crsfd_jax.report import claims, evidence, gaps, headline, html, layout, page, runs, tables
+from crsfd_jax.report.cells import Task
+from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN
+from crsfd_jax.report.methods import ARMS, BASELINES, WITHOUT_INTERACTION, style
+from crsfd_jax.report.summary import compare, summarise
+from crsfd_jax.report.transfer import Transfer
+from crsfd_jax.report.transfer import find as find_transfers
+
+STEPS = tuple(range(100, 1100, 100))
+
+
+def rising(start, top=1.0, seeds=5):
+    """[T, S] success that rises from 0 within 300 steps, later for later seeds."""
+    begin = start + 10 * np.arange(seeds)
+    return np.clip((np.array(STEPS)[:, None] - begin) / 300, 0, 1) * top
+
+
+def make_run(
+    folder, method="crsfd", shape="2", shift=0.0, values=None, seed=0, steps=1000, **other
+):
+    """A run folder with success [T, S] at STEPS; `other` are options of the top level."""
+    values = rising(200) if values is None else values
+    options = Config(
+        algorithm=method,
+        shape=shape,
+        shift=shift * 1e-3,
+        seed=seed,
+        seeds=values.shape[1],
+        steps=steps,
+    )
+    described = {"config": to_dict(dataclasses.replace(options, **other)), "device": "a machine"}
+    described |= {"versions": {"jax": "1.2.3"}, "started": "2026-01-02T03:04:05"}
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text(json.dumps(described))
+    rows = [
+        {"env_steps": step, "seed": seed + i, "eval/success_rate": rate, "time/wall_s": step / 10}
+        for step, row in zip(STEPS, values, strict=False)
+        for i, rate in enumerate(row)
+    ]
+    metrics.append(folder / "metrics.csv", rows)
+    return folder
+
+
+def cells_of(*folders):
+    return grouping.gather(runs.find(folders).runs)[0]
+
+
+def paper_like(folder):
+    """Runs of all cells of the paper that come out as it says."""
+    for method in ("crsfd", *BASELINES):
+        start = {"crsfd": 0, "sacfd": 400}.get(method, 500)
+        top = {"crsfd": 1.0, "sacfd": 0.85, "sqil": 0.6}.get(method, 0.2)
+        for shape in "1234":
+            make_run(folder / f"{method}{shape}", method, shape, values=rising(start, top))
+    for shape in "02":
+        for shift, late in ((4, 5), (6, 200), (8, 400)):
+            late += 200 * (shape == "2")
+            place = f"{shape}{shift}"
+            make_run(folder / f"c{place}", "crsfd", shape, shift, rising(0))
+            values = rising(late, 1.0 if late == 5 else 0.9)
+            make_run(folder / f"s{place}", "sacfd", shape, shift, values)
+    for arm in ARMS:
+        make_run(folder / arm, arm, "3", values=rising(300))
+
+
+def test_runs_are_found_in_folders_and_as_tables_with_their_config(tmp_path):
+    folder = make_run(tmp_path / "runs" / "deep" / "one", "sac", "3", 4)
+    results = tmp_path / "results"
+    results.mkdir()
+    (results / "two.csv").write_bytes((folder / "metrics.csv").read_bytes())
+    (results / "two.json").write_bytes((folder / "config.json").read_bytes())
+    found = runs.find([tmp_path / "runs", results])
+    assert [run.name for run in found.runs] == ["deep/one", "two"]
+    for run in found.runs:
+        assert run.options["algorithm"] == "sac" and run.options["sac.gamma"] == Config().sac.gamma
+        np.testing.assert_allclose(run.curve.values, rising(200), atol=1e-8)
+        assert run.wall_s == 100 and run.seeds.tolist() == [0, 1, 2, 3, 4]
+    assert not found.skipped
+
+
+def test_what_is_no_run_is_named_and_left_out(tmp_path):
+    make_run(tmp_path / "good")
+    make_run(tmp_path / "empty", values=np.zeros((0, 2)))
+    damaged = make_run(tmp_path / "damaged")
+    (damaged / "config.json").write_text('{"config": ')
+    make_run(tmp_path / "foreign")
+    (tmp_path / "foreign" / "config.json").write_text('{"config": {"shape": 2}}')
+    (tmp_path / "lonely.csv").write_text("env_steps,seed\n1,0\n")
+    (tmp_path / "prices.csv").write_text("fruit,price\napple,1\n")
+    found = runs.find([tmp_path])
+    assert [run.name for run in found.runs] == ["good"]
+    text = "\n".join(found.skipped)
+    assert len(found.skipped) == 4
+    for word in ("damaged", "empty", "shape is 2", "no lonely.json beside it"):
+        assert word in text
+
+
+def test_without_any_run_the_user_is_told(tmp_path):
+    (tmp_path / "notes.txt").write_text("hello")
+    with pytest.raises(UserError, match=r"no run with an evaluation found: .*no run in it"):
+        runs.find([tmp_path])
+    with pytest.raises(UserError, match="nowhere: is no folder"):
+        runs.find([tmp_path / "nowhere"])
+
+
+def test_options_that_an_older_run_does_not_know_have_their_default(tmp_path):
+    folder = make_run(tmp_path / "old")
+    described = json.loads((folder / "config.json").read_text())
+    del described["config"]["potential"]["gamma"], described["config"]["envs"]
+    (folder / "config.json").write_text(json.dumps(described))
+    options = runs.find([folder]).runs[0].options
+    assert options["potential.gamma"] == Config().potential.gamma
+    assert options["envs"] == Config().envs
+
+
+def test_seeds_from_several_folders_make_one_cell_and_repeats_are_left_out(tmp_path):
+    make_run(tmp_path / "a", seed=0)
+    make_run(tmp_path / "b", seed=5)
+    make_run(tmp_path / "short", values=rising(200)[:4], steps=400)
+    found, left_out = grouping.gather(runs.find([tmp_path]).runs)
+    assert len(found) == 1 and found[0].seeds.tolist() == list(range(10))
+    assert found[0].finished and found[0].steps == 1000
+    assert len(left_out) == 1 and "short: repeats seeds of a" in left_out[0]
+
+
+def test_other_options_make_a_variant_and_not_the_same_cell(tmp_path):
+    make_run(tmp_path / "a")
+    make_run(tmp_path / "b", potential=Potential(gamma=0.9))
+    plain, other = cells_of(tmp_path)
+    assert plain.variant == "" and other.variant == "potential.gamma 0.9"
+    assert list(evidence.index([plain, other])) == [("crsfd", Task("2", 0.0))]
+
+
+def test_crsfd_with_a_part_switched_off_is_that_ablation(tmp_path):
+    make_run(tmp_path / "a", potential=Potential(free_space_weight=0.0))
+    make_run(tmp_path / "b", potential=Potential(gamma=Config().sac.gamma))
+    assert tuple(cell.method for cell in cells_of(tmp_path)) == ARMS
+    assert all(cell.variant == "" for cell in cells_of(tmp_path))
+
+
+def test_methods_are_named_as_their_files_and_known_not_to_interact():
+    assert {"crsfd", *BASELINES, *ARMS} <= set(ALGORITHMS)
+    idle = {name for name in ALGORITHMS if not algorithms.load(name).interacts}
+    assert idle == set(WITHOUT_INTERACTION)
+
+
+def test_every_method_has_a_look_of_its_own():
+    looks = {(style(name).colour, style(name).dashes) for name in ALGORITHMS}
+    assert len(looks) == len(ALGORITHMS)
+    assert style("crsfd").width > max(style(n).width for n in ALGORITHMS if n != "crsfd")
+
+
+def test_a_method_that_does_not_interact_has_one_level(tmp_path):
+    values = rising(200, top=0.5)
+    (cell,) = cells_of(make_run(tmp_path / "bc", "bc", values=values))
+    np.testing.assert_allclose(cell.curve.values, values[None, -2:].mean(axis=1), atol=1e-8)
+    assert cell.finished and summarise(cell).area == pytest.approx(values[-2:].mean())
+
+
+def test_a_cell_is_summed_up_as_worked_out_by_hand(tmp_path):
+    values = np.array([[0.0, 0.0], [0.8, 1.0], [0.9, 1.0], [1.0, 1.0]])
+    (cell,) = cells_of(make_run(tmp_path / "a", values=values, steps=400))
+    found = summarise(cell)
+    assert (found.mean, found.std, found.steps_to_level) == (1, 0, 200)
+    assert found.seeds_at_level == 2 and found.wall_s == 40
+    assert found.area == pytest.approx(np.mean([(0.4 + 0.85 + 0.95) / 4, (0.5 + 1 + 1) / 4]))
+
+
+def test_methods_are_compared_up_to_the_steps_that_both_have_made(tmp_path):
+    make_run(tmp_path / "a", values=rising(0))
+    make_run(tmp_path / "b", "sacfd", values=rising(300)[:5], steps=500)
+    found = compare([tuple(cells_of(tmp_path))])
+    assert found.steps == (500,)
+    ours, theirs = (np.append(0, rising(start)[:5, 0]) for start in (0, 300))
+    expected = np.trapezoid(ours - theirs, dx=100) / 500
+    assert found.area.value == pytest.approx(expected, abs=0.02)
+    assert found.better_area == (1, 1, 1)
+
+
+def test_figures_are_laid_out_as_in_the_paper(tmp_path):
+    paper_like(tmp_path)
+    drawn = {figure.name: figure for figure in layout.figures(cells_of(tmp_path))}
+    assert list(drawn) == ["setting1", "setting2", "ablation"]
+    titles = [panel.title for panel in drawn["setting1"].panels]
+    assert titles == [f"shape {shape}, no shift" for shape in "1234"]
+    assert all(len(panel.cells) == 9 for panel in drawn["setting1"].panels)
+    assert drawn["setting2"].columns == 3
+    assert [panel.title for panel in drawn["setting2"].panels][2:4] == [
+        "shape 0, shift 8 mm",
+        "shape 2, shift 4 mm",
+    ]
+    assert [len(panel.cells) for panel in drawn["ablation"].panels] == [3]
+
+
+def test_runs_that_fit_no_figure_of_the_paper_get_a_panel_for_each_task(tmp_path):
+    make_run(tmp_path / "a", "crsfd", "2", 8)
+    make_run(tmp_path / "b", "sac", "2", 8)
+    make_run(tmp_path / "c", "crsfd", "4", 1)
+    (figure,) = layout.figures(cells_of(tmp_path))
+    assert [(panel.title, len(panel.cells)) for panel in figure.panels] == [
+        ("shape 2, shift 8 mm", 2),
+        ("shape 4, shift 1 mm", 1),
+    ]
+
+
+def test_every_cell_is_drawn_somewhere(tmp_path):
+    paper_like(tmp_path)
+    make_run(tmp_path / "x", "gail", "2", 8)
+    make_run(tmp_path / "y", "crsfd", "1", potential=Potential(gamma=0.9))
+    found = cells_of(tmp_path)
+    drawn = {id(c) for figure in layout.figures(found) for p in figure.panels for c in p.cells}
+    assert drawn == {id(cell) for cell in found}
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "verdict"),
+    [
+        (rising(0), rising(300), HOLDS),
+        (rising(300), rising(0), FAILS),
+        (rising(0), rising(0), FAILS),
+        (rising(0), rising(0)[:, ::-1] * np.array([0.1, 1, 1, 1, 1]), OPEN),
+    ],
+)
+def test_being_ahead_is_judged_by_the_interval_of_the_difference(tmp_path, ours, theirs, verdict):
+    make_run(tmp_path / "a", values=ours)
+    make_run(tmp_path / "b", "sacfd", values=theirs)
+    book = evidence.index(cells_of(tmp_path))
+    part = evidence.ahead(book, [Task("2", 0.0)], "crsfd", "sacfd", "area")
+    assert part.verdict == verdict, part.numbers
+
+
+@pytest.mark.parametrize(("late", "verdict"), [(0, HOLDS), (40, OPEN), (300, FAILS)])
+def test_being_alike_is_judged_by_the_margin(tmp_path, late, verdict):
+    spread = np.array([late / 4, late / 2, late, 2 * late, late])
+    theirs = np.stack([rising(start, seeds=1)[:, 0] for start in spread], axis=1)
+    make_run(tmp_path / "a", values=np.repeat(rising(0, seeds=1), 5, axis=1))
+    make_run(tmp_path / "b", "sacfd", values=theirs)
+    book = evidence.index(cells_of(tmp_path))
+    part = evidence.close(book, Task("2", 0.0), "crsfd", "sacfd", "area")
+    assert part.verdict == verdict, part.numbers
+
+
+@pytest.mark.parametrize(
+    ("other", "reason"),
+    [
+        (None, "no run of SACfD"),
+        (dict(values=rising(0)[:5]), "SACfD stands at 500 of 1,000 steps"),
+        (dict(values=rising(0, seeds=2)), "SACfD has 2 seeds"),
+    ],
+)
+def test_nothing_is_decided_without_data(tmp_path, other, reason):
+    make_run(tmp_path / "a")
+    if other:
+        make_run(tmp_path / "b", "sacfd", **other)
+    book = evidence.index(cells_of(tmp_path))
+    part = evidence.ahead(book, [Task("2", 0.0)], "crsfd", "sacfd", "final")
+    assert part.verdict == OPEN and reason in part.numbers
+
+
+def test_claims_hold_on_runs_that_come_out_as_the_paper_says(tmp_path):
+    paper_like(tmp_path)
+    rates = zip("01234", (100, 100, 93, 94, 97), strict=True)
+    trials = [Transfer("crsfd", True, shape, 5 * successes, 500) for shape, successes in rates]
+    found = claims.judge(cells_of(tmp_path), trials)
+    assert {claim.statement: claim.verdict for claim in found if claim.verdict != HOLDS} == {}
+
+
+def test_claims_do_not_hold_on_runs_that_come_out_the_other_way(tmp_path):
+    paper_like(tmp_path)
+    for run in [path for path in tmp_path.iterdir() if path.is_dir()]:
+        text = (run / "config.json").read_text()
+        swap = {"crsfd": "sacfd", "sacfd": "crsfd", "bc": "sqil", "sqil": "bc"}
+        old = json.loads(text)["config"]["algorithm"]
+        new = text.replace(f'"algorithm": "{old}"', f'"algorithm": "{swap.get(old, old)}"')
+        (run / "config.json").write_text(new)
+    verdicts = [
+        claim.verdict
+        for claim in claims.judge(cells_of(tmp_path), [Transfer("crsfd", True, "2", 8, 10)])
+    ]
+    assert verdicts[:4] == [FAILS, FAILS, HOLDS, FAILS]
+    assert verdicts[8:12] == [HOLDS, FAILS, FAILS, FAILS]
+    assert verdicts[12] == OPEN
+
+
+def test_a_claim_fails_with_one_part_and_holds_with_all():
+    yes, no, unknown = (evidence.Part(verdict, "") for verdict in (HOLDS, FAILS, OPEN))
+    assert evidence.claim("", [yes, yes]).verdict == HOLDS
+    assert evidence.claim("", [yes, unknown]).verdict == OPEN
+    assert evidence.claim("", [yes, unknown, no]).verdict == FAILS
+
+
+def test_trials_are_added_up_by_method_training_and_shape_and_bad_tables_named(tmp_path):
+    folder = tmp_path / "transfer"
+    drawn = dict(randomisation=TRAINING)
+    runs_of = (("one", "crsfd", drawn), ("two", "crsfd", drawn), ("plain", "crsfd", {}))
+    for name, method, options in (*runs_of, ("other", "sacfd", drawn)):
+        make_run(folder / name, method, **options)
+        (folder / name / "few.csv").write_text("seed,shape,trials,successes\n0,2,10,1\n")
+        table = "seed,shape,trials,successes\n0,2,25,20\n1,2,25,25\n"
+        (folder / name / "many.csv").write_text(table)
+    (folder / "two" / "more.csv").write_text("shape,trials,successes\n1,5,5\n")
+    (tmp_path / "usual.csv").write_text("shape,trials,successes\n2,500,0\n")
+    (tmp_path / "held_out_b.csv").write_text("shape,trials,successes\n2,5,6\n")
+    (tmp_path / "held_out_c.csv").write_text("shape,trials,successes\n2,five,1\n")
+    found, skipped = find_transfers([tmp_path])
+    assert found == [
+        Transfer("crsfd", True, "1", 5, 5),
+        Transfer("crsfd", True, "2", 90, 100),
+        Transfer("sacfd", True, "2", 45, 50),
+        Transfer("crsfd", False, "2", 45, 50),
+    ]
+    assert len(skipped) == 2 and "6 successes in 5 trials" in skipped[0]
+
+
+def test_a_table_of_trials_among_results_belongs_to_the_config_its_name_begins_with(tmp_path):
+    folder = make_run(tmp_path / "run", "sacfd", randomisation=TRAINING)
+    results = tmp_path / "transfer"
+    results.mkdir()
+    (results / "sacfd2.json").write_bytes((folder / "config.json").read_bytes())
+    (results / "sacfd2_held_out.csv").write_text("shape,trials,successes\n2,50,40\n")
+    (results / "x.csv").write_text("shape,trials,successes\n2,50,45\n")
+    assert find_transfers([results])[0] == [
+        Transfer("crsfd", True, "2", 45, 50),
+        Transfer("sacfd", True, "2", 40, 50),
+    ]
+
+
+def test_a_randomised_run_is_no_run_of_the_plain_task(tmp_path):
+    make_run(tmp_path / "a", "sacfd")
+    make_run(tmp_path / "b")
+    make_run(tmp_path / "c", randomisation=TRAINING)
+    assert [cell.variant for cell in cells_of(tmp_path)] == ["", "randomised", ""]
+
+
+def test_what_is_missing_is_said(tmp_path):
+    paper_like(tmp_path)
+    for name in ("gail3", "sac2", "rsgm1"):
+        for file in ("config.json", "metrics.csv"):
+            (tmp_path / name / file).unlink()
+    make_run(tmp_path / "new1", "sac", "2", values=rising(0)[:4])
+    make_run(tmp_path / "new2", "rsgm", "1", values=rising(0, seeds=3)[:5], steps=500)
+    found = cells_of(tmp_path)
+    said = gaps.lines(found, layout.figures(found))
+    assert sorted(said) == [
+        "shape 1, no shift: RS-GM has 3 seeds, most have 5",
+        "shape 1, no shift: RS-GM was given 500 steps, others 1,000",
+        "shape 2, no shift: SAC is unfinished, 400 of 1,000 steps",
+        "shape 3, no shift: no run of GAIL",
+    ]
+
+
+def test_the_headline_names_the_closest_rival(tmp_path):
+    paper_like(tmp_path)
+    found = cells_of(tmp_path)
+    said = " ".join(headline.sentences(found, []))
+    assert "CRSfD ends at a mean success of 1.000 over 10 tasks" in said
+    assert "It learns faster than SACfD, the strongest other method, on 10 tasks:" in said
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(7.4, "7 s"), (150, "2 min"), (3600, "1 h 00 min"), (float("nan"), "not recorded")],
+)
+def test_durations_are_words(seconds, words):
+    assert tables.duration(seconds) == words
+
+
+class Page(HTMLParser):
+    """Checks that tags are closed in order and collects where pictures come from."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.sources, self.text = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.sources += [value for name, value in attrs if name in ("src", "href")]
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def stub_map(path):
+    Image.new("RGB", (4, 4)).save(path)
+    return "a map"
+
+
+def test_the_page_needs_nothing_but_itself(tmp_path):
+    make_run(tmp_path / "r" / "a", "crsfd", demos="<b>mine</b>")
+    make_run(tmp_path / "r" / "b", "crsfd", values=rising(200)[:3])
+    make_run(tmp_path / "r" / "c", "sacfd")
+    Image.new("RGB", (9, 9)).save(tmp_path / "r" / "a" / "clip.gif")
+    out = tmp_path / "out"
+    file = page.write(page.collect([str(tmp_path / "r")]), out, stub_map)
+    parsed = Page()
+    parsed.feed(file.read_text())
+    assert not parsed.open
+    assert len(parsed.sources) == 3 and all(s.startswith("data:image/") for s in parsed.sources)
+    text = " ".join(parsed.text)
+    assert "demos <b>mine</b>" in text and "a map" in text and "1.2.3" in text
+    assert Image.open(out / "tasks.png").width > 400
+    again = page.write(page.collect([str(tmp_path / "r")]), tmp_path / "again", stub_map)
+    assert again.read_text() == file.read_text()
+
+
+def test_the_program_reports_and_refuses(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("jax")
+    from crsfd_jax.report import value_map
+
+    monkeypatch.setattr(value_map, "draw_of", lambda cells, path: stub_map(path))
+    make_run(tmp_path / "a")
+    (tmp_path / "b.csv").write_text("env_steps,seed\n")
+    assert program.run([str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert f"written   {tmp_path}/report/report.html" in said and "left out" in said
+    with pytest.raises(UserError, match="is no folder"):
+        program.run([str(tmp_path / "none")])
+    with pytest.raises(UserError, match="--out"):
+        program.run([str(tmp_path), "--out", str(tmp_path / "b.csv" / "x")])
+
+
+def test_html_is_escaped():
+    assert html.table(("<a>",), [("&",)], 1).count("&lt;a&gt;") == 1
+    assert "<i>" not in html.bullets(["<i>"]) + html.paragraph("<i>") + html.page("<i>", [])

@@ -1,0 +1,335 @@
+"""Sweeps: what the experiments are, and that every cell is run once, whatever happens."""
+
+import functools
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crsfd_jax import metrics, policy, sweep
+from crsfd_jax.config import ALGORITHMS, Config, Evaluation
+from crsfd_jax.demos import builtin
+from crsfd_jax.errors import UserError
+from crsfd_jax.randomisation import TRAINING
+from crsfd_jax.sweeps import attempt, cells, slurm_array, state
+from crsfd_jax.sweeps.attempt import Plan
+
+ROOT = Path(__file__).parents[1]
+FAKE = (sys.executable, str(Path(__file__).parent / "fake_train.py"))
+SWEEP = """
+import sys
+from crsfd_jax import cli, sweep
+cli.main(lambda argv: sweep.run(argv, command=%r))
+""" % (FAKE,)  # noqa: UP031
+SHAPES = ("1", "2", "3")
+NAMES = [f"crsfd-shape{shape}-shift0mm-seed0x5-smoke" for shape in SHAPES]
+STEPS = [1024, 2048, 3072, 4096]
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch) -> Path:
+    """An experiment of three cells."""
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "three.py"
+    path.write_text(
+        '"""Three shapes.\n\nMore."""\n'
+        f'CELLS = tuple(("--smoke", "--shape", shape) for shape in {SHAPES})\n'
+    )
+    return path
+
+
+@pytest.fixture
+def out(tmp_path) -> Path:
+    return tmp_path / "runs" / "three"
+
+
+@functools.cache
+def experiment(name: str) -> cells.Experiment:
+    return cells.load(name)
+
+
+def swept(file, *options) -> int:
+    return sweep.run(["--experiment", str(file), *options], command=FAKE)
+
+
+def started(file, *options) -> subprocess.Popen:
+    command = [sys.executable, "-c", SWEEP, "--experiment", str(file), *options]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    )
+
+
+def starts(out: Path, name: str) -> list[int]:
+    path = out / name / "starts"
+    return [int(pid) for pid in path.read_text().split()] if path.is_file() else []
+
+
+def wait_for(condition, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "this never happened"
+        time.sleep(0.02)
+
+
+def assert_whole(out: Path, name: str):
+    """Every row of every seed is there once."""
+    table = metrics.read(out / name / "metrics.csv")
+    rows = list(zip(table["env_steps"].tolist(), table["seed"].tolist(), strict=True))
+    assert rows == [(steps, seed) for steps in STEPS for seed in range(2)]
+
+
+@pytest.mark.parametrize("path", cells.available(), ids=lambda path: path.stem)
+def test_every_cell_of_an_experiment_is_a_run_of_its_own(path):
+    found = experiment(path.stem)
+    assert found.description and len(found.cells) >= 5
+    assert len({cell.name for cell in found.cells}) == len(found.cells)
+    for cell in found.cells:
+        assert cell.name.startswith(f"{cell.config.algorithm}-shape")
+        assert cell.config.algorithm == "bc" or cell.config.steps == 300_000
+
+
+def test_experiments_are_those_of_the_paper():
+    def pairs(name, *options):
+        return {
+            tuple(getattr(cell.config, option) for option in options)
+            for cell in experiment(name).cells
+        }
+
+    methods = {"crsfd", "sacfd", "sac", "bc", "rlpd", "rsgm", "pofd", "sqil", "gail", "gaifo"}
+    arms = {"crsfd_no_free_space", "crsfd_same_gamma"}
+    assert set(ALGORITHMS) == methods | arms
+    assert pairs("setting1", "algorithm", "shape", "shift") == {
+        (method, shape, 0.0) for method in methods for shape in "1234"
+    }
+    assert pairs("setting2", "algorithm", "shape", "shift") == {
+        (method, shape, shift)
+        for method in ("crsfd", "sacfd")
+        for shape in "02"
+        for shift in (0.004, 0.006, 0.008)
+    }
+    assert pairs("setting2_wide", "algorithm", "shape", "shift") == {
+        (method, "2", 0.008) for method in methods
+    }
+    assert pairs("ablation", "algorithm", "shape") == {
+        (method, shape) for method in ("crsfd", *arms) for shape in "1234"
+    }
+    assert pairs("sensitivity", "seeds") == {(3,)}
+    assert pairs("sensitivity", "demo_episodes") == {(0,), (1,), (5,), (10,)}
+    errors = [cell.config.randomisation for cell in experiment("transfer").cells]
+    assert errors.count(TRAINING) == 10 and len(errors) == 15
+
+
+def test_the_most_telling_cells_come_first():
+    order = [cell.config.algorithm for cell in experiment("setting1").cells]
+    assert list(dict.fromkeys(order))[:5] == ["crsfd", "sacfd", "sac", "bc", "rlpd"]
+
+
+def test_a_name_says_every_option_but_how_far_a_run_goes():
+    plain = Config(shape="3", shift=0.008)
+    assert cells.cell_name(plain) == "crsfd-shape3-shift8mm-seed0x5"
+    further = Config(shape="3", shift=0.008, steps=10**6, evaluation=Evaluation(every=64))
+    assert cells.cell_name(further) == cells.cell_name(plain)
+    other = Config(demo_episodes=5, demos="a/b.npz")
+    assert cells.cell_name(other) == "crsfd-shape2-shift0mm-seed0x5-demosa_b.npz-demo_episodes5"
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    {
+        "CELLS = (('--shape', '9'),)": "cell 0: --shape: got '9'",
+        "CELLS = (('--shape', '1'), ('--shape=1', '--steps', '90000'))": "more than once",
+        "CELLS = (('--out', 'x'),)": "--out: got 'x', allowed: none",
+        "CELLS = ()": "defines no CELLS",
+        "CELLS = 1 / 0": "ZeroDivisionError",
+        "CELLS =": "SyntaxError",
+    }.items(),
+)
+def test_a_wrong_experiment_is_answered_with_one_line(tmp_path, text, answer):
+    path = tmp_path / "wrong.py"
+    path.write_text(text)
+    with pytest.raises(UserError) as error:
+        cells.load(str(path))
+    assert answer in str(error.value) and "\n" not in str(error.value)
+
+
+def test_an_unknown_experiment_ends_with_one_line_and_exit_code_2():
+    command = [sys.executable, "-m", "crsfd_jax.sweep", "--experiment", "setting3"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert len(done.stderr.splitlines()) == 1 and "did you mean setting" in done.stderr
+
+
+def test_the_first_episodes_of_a_file_are_used():
+    whole, first = builtin.load("builtin"), builtin.load("builtin", 5)
+    steps = whole.episode_length[:5].sum()
+    assert len(first.obs) == len(first.reward) == steps and first.terminated[-1]
+    np.testing.assert_array_equal(first.obs, whole.obs[:steps])
+    assert first.socket_offset.shape == (5, 2)
+    with pytest.raises(UserError, match="--demo-episodes: got 41, allowed: at most the 40"):
+        builtin.load("builtin", 41)
+
+
+def test_every_cell_is_run_once_and_finished_ones_are_skipped(file, out, capsys):
+    assert swept(file, "--workers", "2") == 0
+    for name in NAMES:
+        assert_whole(out, name)
+        assert len(starts(out, name)) == 1
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    assert swept(file) == 0
+    assert "3 done, 0 failed" in capsys.readouterr().out
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
+
+
+def test_more_steps_or_a_lost_file_make_a_finished_cell_unfinished(file, out):
+    assert swept(file, "--only", NAMES[0]) == 0
+    cell = cells.load(str(file)).cells[0]
+    folder = out / cell.name
+    assert state.is_finished(folder, cell.config)
+    assert not state.is_finished(folder, replace(cell.config, seed=1))
+    assert not state.is_finished(folder, replace(cell.config, steps=5000))
+    (folder / policy.FILE).rename(folder / "away")
+    assert not state.is_finished(folder, cell.config)
+    (folder / "away").rename(folder / policy.FILE)
+    metrics.truncate(folder / "metrics.csv", STEPS[-2])
+    assert not state.is_finished(folder, cell.config)
+
+
+def test_a_dry_run_and_a_status_write_nothing(file, out, capsys):
+    assert swept(file, "--dry-run") == 0
+    printed = capsys.readouterr().out
+    assert "Three shapes." in printed and "3 new" in printed
+    assert f"--smoke --shape 1 --out {out / NAMES[0]}" in printed
+    assert not out.exists()
+    assert swept(file, "--only", NAMES[1]) == 0
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    capsys.readouterr()
+    assert swept(file, "--status") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[4].split() == [NAMES[1], "done", "4,096/4,096", "0.250", "0.7"]
+    assert lines[-1] == "2 new, 1 done"
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
+
+
+def test_a_killed_run_is_tried_again_and_resumes(file, out, monkeypatch):
+    monkeypatch.setenv("FAKE_FAIL", f"{NAMES[1]} once")
+    assert swept(file, "--only", NAMES[1]) == 0
+    assert len(starts(out, NAMES[1])) == 2
+    assert_whole(out, NAMES[1])
+    assert "attempt 2 of 2" in (out / f"{NAMES[1]}.log").read_text()
+
+
+def test_cells_that_fail_are_listed_with_the_end_of_their_logs(file, out, monkeypatch, capsys):
+    monkeypatch.setenv("FAKE_FAIL", f"{NAMES[0]} crash, {NAMES[1]} usage")
+    assert swept(file, "--workers", "3") == 1
+    printed = capsys.readouterr().out
+    assert "1 done, 2 failed, 0 to be continued" in printed
+    for name, attempts, reason in (
+        (NAMES[0], 2, "RuntimeError: something broke"),
+        (NAMES[1], 1, "--this: cannot be used"),
+    ):
+        assert f"failed  {out / name}.log" in printed and reason in printed
+        assert len(starts(out, name)) == attempts
+    swept(file, "--status")
+    assert f"{NAMES[0]}  failed" in capsys.readouterr().out
+
+
+def test_a_run_that_stops_by_itself_is_not_tried_again(file, out, monkeypatch):
+    monkeypatch.setenv("FAKE_FAIL", f"{NAMES[0]} stop")
+    assert swept(file, "--only", NAMES[0]) == 75
+    assert len(starts(out, NAMES[0])) == 1
+
+
+def test_a_signal_lets_runs_save_and_the_same_command_goes_on(file, out, monkeypatch):
+    monkeypatch.setenv("FAKE_STEP_S", "1")
+    process = started(file, "--workers", "2")
+    wait_for(lambda: (out / NAMES[0] / "metrics.csv").is_file())
+    process.send_signal(signal.SIGTERM)
+    printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 75 and "0 done, 0 failed, 3 to be continued" in printed
+    assert metrics.read(out / NAMES[0] / "metrics.csv")["env_steps"].max() < STEPS[-1]
+    assert not state.is_held(out / f"{NAMES[0]}.log")
+    assert not (out / NAMES[2]).exists()
+    monkeypatch.setenv("FAKE_STEP_S", "0")
+    assert swept(file, "--workers", "3") == 0
+    for name in NAMES:
+        assert_whole(out, name)
+
+
+def test_two_sweeps_at_once_run_every_cell_once(file, out, monkeypatch):
+    monkeypatch.setenv("FAKE_STEP_S", "0.1")
+    both = [started(file, "--workers", "2") for _ in range(2)]
+    for process in both:
+        printed, _ = process.communicate(timeout=60)
+        assert process.returncode == 0 and "3 done, 0 failed" in printed, printed
+    for name in NAMES:
+        assert (out / f"{name}.log").read_text().count("sweep: attempt") == 1
+        assert_whole(out, name)
+
+
+def test_the_orphan_of_a_killed_sweep_is_waited_for(file, out, monkeypatch):
+    monkeypatch.setenv("FAKE_STEP_S", "1")
+    process = started(file)
+    wait_for(lambda: (out / NAMES[0] / "metrics.csv").is_file())
+    process.kill()
+    process.communicate(timeout=60)
+    monkeypatch.setenv("FAKE_STEP_S", "0")
+    assert swept(file, "--only", "*shape[12]*") == 0
+    assert [len(starts(out, name)) for name in NAMES] == [1, 1, 0]
+    assert (out / f"{NAMES[0]}.log").read_text().count("sweep: attempt") == 1
+
+
+def test_a_run_started_by_hand_is_left_alone(file, out, monkeypatch):
+    monkeypatch.setenv("FAKE_STEP_S", "1")
+    cell = cells.load(str(file)).cells[0]
+    process = subprocess.Popen([*FAKE, *cell.arguments, "--out", str(out / cell.name)])
+    wait_for(lambda: (out / cell.name / "metrics.csv").is_file())
+    assert state.read(out, cell).word == "running"
+    assert attempt.run_cell(cell, Plan(out, FAKE)).word == "busy"
+    assert process.wait(timeout=60) == 0
+    assert starts(out, cell.name) == [process.pid]
+
+
+def test_ray_runs_and_retries_cells(file, out, monkeypatch):
+    pytest.importorskip("ray")
+    monkeypatch.setenv("FAKE_FAIL", f"{NAMES[1]} once")
+    assert swept(file, "--runner", "ray", "--workers", "2") == 0
+    assert [len(starts(out, name)) for name in NAMES] == [1, 2, 1]
+
+
+def test_slurm_jobs_run_cells(file, out):
+    pytest.importorskip("submitit")
+    chosen = cells.load(str(file)).cells[:2]
+    asked = slurm_array.Slurm(minutes=5, cores=1)
+    ended = list(
+        slurm_array.run(chosen, Plan(out, FAKE), 2, 0.0, asked, lambda: False, cluster="local")
+    )
+    assert sorted((outcome.name, outcome.word) for outcome in ended) == [
+        (name, "done") for name in NAMES[:2]
+    ]
+    for name in NAMES[:2]:
+        assert_whole(out, name)
+
+
+@pytest.mark.parametrize(("runner", "extra"), [("ray", "ray"), ("slurm", "submitit")])
+def test_a_missing_runner_is_named_with_its_extra(file, monkeypatch, runner, extra):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UserError, match=f"needs {extra}.*pip install 'crsfd-jax"):
+        swept(file, "--runner", runner)
+
+
+@pytest.mark.slow
+def test_a_sweep_trains(file, out):
+    (file.parent / "one.py").write_text(
+        "CELLS = (('--smoke', '--steps', '2048', '--potential.steps', '50'),)"
+    )
+    command = [sys.executable, "-m", "crsfd_jax.sweep", "--experiment", "one.py"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    cell = cells.load("one.py").cells[0]
+    assert state.read(out.parent / "one", cell).word == "done"

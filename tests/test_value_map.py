@@ -1,0 +1,72 @@
+"""The picture of the potential: what it evaluates, and the tracks it draws."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+from PIL import Image
+
+from crsfd_jax.config import Config, Potential
+from crsfd_jax.demos import builtin
+from crsfd_jax.observation import OBS_SIZE, POSE_SCALE, TIP_POSE
+from crsfd_jax.report import value_map
+from crsfd_jax.scene.digits import HOLE_DEPTH
+
+
+def test_tracks_are_the_tips_of_the_episodes_in_metres_with_their_last_state():
+    demos = builtin.load("builtin")
+    tracks = value_map.tracks(demos)
+    length = demos.episode_length
+    assert tracks.shape == (len(length), length.max() + 1, 3)
+    np.testing.assert_array_equal(np.isfinite(tracks[..., 0]).sum(axis=1), length + 1)
+    first, scale = length[0], POSE_SCALE[:3]
+    np.testing.assert_allclose(tracks[1, 0], demos.obs[first, TIP_POSE][:3] * scale)
+    last = demos.next_obs[first - 1, TIP_POSE][:3] * scale
+    np.testing.assert_allclose(tracks[0, first], last)
+    assert -HOLE_DEPTH - 1e-3 < last[2] < -HOLE_DEPTH + 2e-3, "a demonstration ends inserted"
+
+
+def test_the_picture_shows_the_potential_where_its_axes_say(tmp_path, monkeypatch):
+    asked = []
+
+    def phi(poses):
+        asked.append(poses)
+        return np.exp(-np.abs(poses[..., :3]).sum(axis=-1) / 0.02)
+
+    value_map.draw(phi, np.zeros((2, 3, 3)), tmp_path / "map.png")
+    assert Image.open(tmp_path / "map.png").width > 1500
+    plane, cut, *lines = asked
+    assert not plane[..., 2:].any() and np.ptp(plane[..., 1]) == np.ptp(plane[..., 0])
+    assert not cut[..., 1].any() and not cut[..., 3:].any() and cut[..., 2].min() < -HOLE_DEPTH
+    assert [int(np.flatnonzero(np.ptp(poses, axis=0))[0]) for poses in lines] == [0, 2, 3]
+
+
+@pytest.mark.parametrize("gamma", [0.95, 0.5])
+def test_the_potential_drawn_is_the_one_that_the_runs_learned_with(tmp_path, monkeypatch, gamma):
+    from test_report import cells_of, make_run
+
+    fitted = []
+    monkeypatch.setattr(value_map, "draw", lambda *_: None)
+    monkeypatch.setattr(value_map, "fit", lambda config: (fitted.append(config), None))
+    make_run(tmp_path / "a", demo_episodes=7, potential=Potential(gamma=gamma))
+    make_run(tmp_path / "b", "sacfd", potential=Potential(gamma=0.1))
+    value_map.draw_of(cells_of(tmp_path), tmp_path / "map.png")
+    expected = dataclasses.replace(Config(), demo_episodes=7, potential=Potential(gamma=gamma))
+    assert fitted == [expected]
+
+
+def test_the_fitted_potential_rises_towards_the_end_of_the_demonstrations(monkeypatch):
+    # Poses anywhere instead of those that the arm reaches, which take long to solve for.
+    def sample(key, count):
+        return jax.random.uniform(key, (count, OBS_SIZE), minval=-5.0, maxval=5.0)
+
+    monkeypatch.setattr(value_map.free_space, "make", lambda scene, extent: sample)
+    few = Potential(steps=300, hidden=(32,))
+    phi, tracks = value_map.fit(dataclasses.replace(Config(), potential=few))
+    poses = np.zeros((3, 6))
+    poses[:, 2] = (-HOLE_DEPTH, 0.0, 0.14)
+    inserted, mouth, above = phi(poses)
+    assert inserted > mouth > above
+    assert phi(np.zeros((2, 5, 6))).shape == (2, 5)
+    assert len(tracks) == 40
