@@ -164,10 +164,9 @@ def _read_body(path: Path) -> tuple[dict[str, _Leaf], dict[str, Any]]:
         is_intact = _text_digest(body) == description["sha256"]
         found = json.loads(body) if is_intact else {}
         # A digest can be forged: nothing in here is taken for what it should be.
-        leaves = {
-            name: _Leaf(str(leaf["type"]), leaf["implementation"], str(leaf["sha256"]))
-            for name, leaf in found.get("leaves", {}).items()
-        }
+        said = found.get("leaves", {}).items()
+        names = ("type", "implementation", "sha256")
+        leaves = {name: _Leaf(*(leaf[part] for part in names)) for name, leaf in said}
         extra = dict(found.get("extra", {}))
     if not is_intact:
         raise _Damaged("digest of the description")
@@ -188,8 +187,7 @@ def _damage_reported() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _orbax_silenced() -> Iterator[None]:
-    # Before it raises, orbax logs tracebacks and whole files; the error says enough. After it has
-    # raised, writes still under way complain that nobody waits for them, as long as they last.
+    # Before it raises, orbax logs tracebacks and whole files; after it, unfinished writes complain.
     log, hook = logging.getLogger("absl"), sys.unraisablehook
     level = log.level
     log.setLevel(logging.CRITICAL + 1)

@@ -153,7 +153,7 @@ def rest_posture(links: Chain) -> jax.Array:
 
 def taken(state: EnvState, action: jax.Array) -> jax.Array:
     """[N, A] what takes effect now: the action, or the one before where actions are delayed."""
-    if state.around.is_delayed is None:
+    if state.around.is_delayed is None or state.last_action is None:
         return action
     return jnp.where(state.around.is_delayed[:, None], state.last_action, action)
 
