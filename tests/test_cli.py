@@ -55,7 +55,7 @@ BAD = {
     "--steps -5": "--steps: got -5",
     "--steps 1e5": "--steps: got '1e5', allowed: a whole number",
     "--steps 2000": "--sac.warmup-steps: got 2000, allowed: below --steps (2000)",
-    "--algorithm foo": "--algorithm: got 'foo', allowed: crsfd, sacfd, sac; choose one of them",
+    "--algorithm foo": "--algorithm: got 'foo', allowed: bc, crsfd, crsfd_no_free_space,",
     "--algorithm sacdf": "did you mean sacfd?",
     "--engine foo": "--engine: got 'foo', allowed: auto, native, mjx, warp; choose one of them",
     "--sac.gamma 1": "--sac.gamma: got 1, allowed: above 0 and below 1",
