@@ -24,6 +24,7 @@ ROOT = TESTS.parent
 FAULTS = ROOT / "docs" / "faults.md"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
+NAME = re.compile(r"python -m [\w.]+")
 INDENTED = re.compile(r"(?:^    .*\n)+", re.M)
 
 
@@ -38,7 +39,9 @@ def commands(page: Path) -> list[str]:
     """Command lines in blocks and between backticks, without remarks."""
     prose = INDENTED.sub("\n", FENCE.sub("\n", page.read_text()))
     lines = [line for language, body in blocks(page) if not language for line in body.splitlines()]
-    lines += re.findall(r"`([^`\n]+)`", prose)
+    # A lone name of a program is no command to type.
+    spans = (" ".join(span.split()) for span in re.findall(r"`((?:[^`\n]|\n(?!\n))+)`", prose))
+    lines += [span for span in spans if not NAME.fullmatch(span)]
     found = [re.match(r"\s*(?:[A-Z_]+=\S+ )*(?:python|pip|make) .*", line) for line in lines]
     return [match[0].partition("  #")[0].strip() for match in found if match]
 
@@ -47,7 +50,7 @@ COMMANDS = sorted({command for page in PAGES for command in commands(page)})
 
 
 def words_of(command: str) -> list[str]:
-    """Without the variables in front, a remark, and the words for names of a reader's own."""
+    """Without the variables in front and a remark behind."""
     words = shlex.split(command, comments=True)
     while re.match(r"[A-Z_]+=", words[0]):
         words.pop(0)
@@ -96,7 +99,7 @@ def test_every_documented_command_line_is_accepted(command, only_parsed):
         entry(module)(arguments)
     options = parsed.value.args[0]
     if module == "crsfd_jax.sweep":
-        assert cells.load(options.experiment).cells
+        assert (cells.EXPERIMENTS / f"{options.experiment}.py") in cells.available()
 
 
 def test_a_command_line_with_an_unknown_option_or_value_would_be_noticed(only_parsed):
@@ -140,6 +143,8 @@ def test_documents_name_files_that_exist():
         linked = re.findall(r"\]\(([^)#:]+)\)", text)
         assert not [link for link in linked if not (page.parent / link).exists()], page.name
         for named in re.findall(r"`((?:[\w.]+/)*[\w.]+\.(?:py|md|xml))`", text):
+            if "NAME" in named:
+                continue
             anywhere = [ROOT / named, ROOT / "crsfd_jax" / named]
             exists = any(map(Path.exists, anywhere)) if "/" in named else named in known
             assert exists, f"{page.name}: {named}"
@@ -177,8 +182,47 @@ def test_the_documented_method_learns_towards_where_demonstrations_end(monkeypat
     goal = method.METHOD.prepare(jax.random.key(0), given, options)
     np.testing.assert_allclose(goal, tip, atol=1e-6)
     made = program.assemble(options, probe_env.make(), given)
-    states, metrics = made.advance(made.start(), 0)
+    _, metrics = made.advance(made.start(), 0)
     assert np.isfinite(jax.device_get(metrics["critic_loss"])).all()
+
+
+SMALL = (
+    ("python -m crsfd_jax.train --shape 2 --shift 8mm --steps 300000", "--smoke --out runs/NAME"),
+    ("python -m crsfd_jax.evaluate runs/NAME --shape 3 --shift 4mm", "--episodes 4"),
+    ("python -m crsfd_jax.evaluate runs/NAME --held-out", "--episodes 4"),
+    ("python -m crsfd_jax.export runs/NAME --format npz --check", ""),
+    ("python -m crsfd_jax.export runs/NAME --format onnx --check", ""),
+    ("python experiments/simulated_arm.py runs/NAME/export/npz 500", ""),
+    ("python -m crsfd_jax.report runs", ""),
+    ("python -m crsfd_jax.view --shape 2 --shift 8mm --png scene.png", ""),
+    ("python -m crsfd_jax.view runs/NAME --video out.gif", "--episodes 1"),
+    ("python -m crsfd_jax.demos info", ""),
+    ("python -m crsfd_jax.demos check", ""),
+    ("python -m crsfd_jax.demos export builtin --format robomimic --out demos.hdf5", ""),
+    ("python -m crsfd_jax.demos import demos.hdf5 --out imported.npz", ""),
+    ("python -m crsfd_jax.demos check imported.npz", ""),
+    ("python -m crsfd_jax.sweep --experiment setting1 --dry-run", ""),
+    ("python -m crsfd_jax.doctor", "--engines native --seconds 0.2"),
+)
+"""Documented commands in an order in which each finds its files, and what makes them small."""
+WRITTEN = """
+    runs/NAME/metrics.csv runs/NAME/policy.npz runs/NAME/curves.png
+    runs/NAME/export/npz/actor.npz runs/NAME/export/npz/policy.json
+    runs/report/report.html scene.png out.gif demos.hdf5 imported.npz
+"""
+
+
+@pytest.mark.slow
+def test_documented_commands_run_one_after_the_other(tmp_path):
+    assert not {command for command, _ in SMALL} - set(COMMANDS)
+    for command, extra in SMALL:
+        _, *words = words_of(command)
+        if words[0] != "-m":
+            words = [str(ROOT / words[0]), *words[1:-1], "4"]
+        line = [sys.executable, *words, *extra.split()]
+        done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    assert not [name for name in WRITTEN.split() if not (tmp_path / name).is_file()]
 
 
 def test_every_test_that_the_table_of_faults_names_exists():
