@@ -121,7 +121,8 @@ def refuse_full_disk(run: RunFolder, checkpoint_bytes: int) -> None:
 def _is_about(path: Path, error: OSError) -> bool:
     if error.filename is None:
         return error.errno in _STORAGE
-    return Path(os.fsdecode(error.filename)).is_relative_to(path)
+    place = Path(os.fsdecode(error.filename))
+    return place.is_relative_to(path) or path.is_relative_to(place)
 
 
 def _refuse_foreign(path: Path) -> None:

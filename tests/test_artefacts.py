@@ -117,6 +117,10 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, monkeypatch):
     assert "cannot be written: Permission denied" in refusal(tmp_path / "run")
 
 
+def test_a_folder_whose_parent_cannot_be_made_is_refused():
+    assert "/proc/none/run: cannot be written" in refusal("/proc/none/run")
+
+
 def test_an_error_inside_the_block_is_not_mistaken_for_a_bad_folder(tmp_path):
     with pytest.raises(FileNotFoundError), open_run(tmp_path / "run", Config(), "cpu", []):
         (tmp_path / "elsewhere").read_text()
