@@ -83,7 +83,7 @@ def run(config: Config, program: Program, folder: artefacts.RunFolder, interrupt
     seeds = range(config.seed, config.seed + config.seeds)
     with (
         progress(config.steps, at.step * config.envs) as show,
-        loggers.opened(config.log, folder.path, seeds) as log,
+        loggers.opened(config.log if spread.is_first() else "none", folder.path, seeds) as log,
     ):
         while not _is_over(config, at) and not spread.any_of(interrupt.requested):
             states, values = program.advance(states, np.int32(at.step))
