@@ -67,7 +67,7 @@ def test_files_that_may_not_grow_stop_a_run_that_goes_on_when_they_may(stopped, 
 
 
 def test_a_disk_that_fills_up_at_any_moment_stops_a_run_that_goes_on_later(whole, tmp_path):
-    for trial, n in enumerate(np.random.default_rng(2).integers(1, 150, 6)):
+    for trial, n in enumerate(np.random.default_rng(2).integers(1, 60, 6)):
         folder = tmp_path / str(trial)
         code, out = fault_runs.run(folder, fault="full", n=n)
         assert code in (2, 75), out
