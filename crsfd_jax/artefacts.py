@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 from crsfd_jax.config import Config, from_dict, to_dict
 from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.files import remove_leftovers, sync, write_atomically
+from crsfd_jax.option_names import by_full_name
 
 PACKAGES = (
     "jax",
@@ -201,7 +202,7 @@ def _read_manifest(path: Path) -> dict[str, Any]:
 
 
 def _refuse_other_run(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]) -> None:
-    before, after = dict(_flatten(_as_json(to_dict(from_dict(old))))), dict(_flatten(new))
+    before, after = by_full_name(_as_json(to_dict(from_dict(old)))), by_full_name(new)
     changed = [
         f"{name} {before[name]} -> {after[name]}"
         for name in after
@@ -217,11 +218,3 @@ def _refuse_other_run(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]
 
 def _as_json(values: Mapping[str, Any]) -> dict[str, Any]:
     return json.loads(json.dumps(values))
-
-
-def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, value

@@ -2,11 +2,13 @@
 
 import os
 from collections.abc import Callable
+from pathlib import Path
 
 # Tests compile far more than they compute: this takes a third of the time of the full level.
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=1"
 
 import crsfd_jax  # noqa: F401, I001
+import fault_runs
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -83,3 +85,12 @@ def around() -> Callable[..., Surroundings]:
         )
 
     return make
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory) -> Path:
+    """A run that no fault befell; it also fills the compilation cache for those that one does."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    code, out = fault_runs.run(folder)
+    assert code == 0, out
+    return folder

@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = "crsfd_jax"
 ORDER = tuple(
     """
-    errors extras units types files limits shapes option_types randomisation config validation cli
-    keywords interrupt compile_cache progress leaves npz metrics loggers policy
+    errors extras units types files option_names limits shapes option_types randomisation config
+    validation cli keywords interrupt compile_cache progress leaves npz metrics loggers policy
     artefacts checkpoints divergence
     sweeps
     scene.digits scene.build scene.kinematics

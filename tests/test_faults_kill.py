@@ -16,15 +16,6 @@ OPERATIONS = 60
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Path:
-    """A run that was never stopped; it also fills the compilation cache."""
-    folder = tmp_path_factory.mktemp("whole") / "run"
-    code, out = fault_runs.run(folder)
-    assert code == 0, out
-    return folder
-
-
-@pytest.fixture(scope="module")
 def seconds(whole, tmp_path_factory) -> float:
     """How long a run takes from the cache."""
     folder = tmp_path_factory.mktemp("timed") / "run"

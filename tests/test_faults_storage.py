@@ -15,15 +15,6 @@ pytestmark = pytest.mark.faults
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Path:
-    """A run that was never stopped."""
-    folder = tmp_path_factory.mktemp("whole") / "run"
-    code, out = fault_runs.run(folder)
-    assert code == 0, out
-    return folder
-
-
-@pytest.fixture(scope="module")
 def half(tmp_path_factory) -> Path:
     """A run that was stopped after its first steps; copy it before use."""
     folder = tmp_path_factory.mktemp("half") / "run"

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import probe_env
 import pytest
+import random_batch
+from random_batch import BATCH
 
 from crsfd_jax import chunk, config, train_step
 from crsfd_jax.algorithms import rsgm
@@ -14,36 +16,18 @@ from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.demos import builtin
 from crsfd_jax.learn import networks, sac, wgan
 from crsfd_jax.learn.discriminator import Score
-from crsfd_jax.learn.replay import Backup, Batch
+from crsfd_jax.learn.replay import Batch
 from crsfd_jax.types import Transition
 
-OBS, ACTION, BATCH, GAMMA = 4, 2, 6, 0.9
+OBS, ACTION, GAMMA = 4, 2, 0.9
 CONFIG = config.Config(sac=config.Sac(hidden=(8, 8), gamma=GAMMA, initial_alpha=0.3))
 NETS = networks.make_networks(CONFIG.sac, ACTION)
 QUICK = config.Config(potential=config.Potential(steps=1000, hidden=(32, 32)))
 
 
-def backup(key) -> Backup:
-    reward_key, obs_key = jax.random.split(key)
-    return Backup(
-        reward=jax.random.normal(reward_key, (BATCH,)),
-        next_obs=jax.random.normal(obs_key, (BATCH, OBS)),
-        terminated=jnp.asarray([True, False, False, False, True, False]),
-        length=jnp.asarray([1, 1, 2, 3, 2, 3]),
-    )
-
-
 @pytest.fixture(name="batch", scope="module")
 def make_batch() -> Batch:
-    keys = jax.random.split(jax.random.key(1), 5)
-    return Batch(
-        obs=jax.random.normal(keys[0], (BATCH, OBS)),
-        action=jax.random.uniform(keys[1], (BATCH, ACTION), minval=-1.0),
-        is_demo=jnp.zeros(BATCH, bool),
-        weight=jax.random.uniform(keys[2], (BATCH,), minval=0.2),
-        one_step=backup(keys[3]),
-        n_step=backup(keys[4]),
-    )
+    return random_batch.batch(OBS, ACTION)
 
 
 @pytest.fixture(name="agent", scope="module")

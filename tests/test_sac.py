@@ -6,12 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import random_batch
+from random_batch import BATCH
 
 from crsfd_jax.config import Config, Replay, Sac
 from crsfd_jax.learn import networks, sac
 from crsfd_jax.learn.replay import Backup, Batch
 
-OBS, ACTION, BATCH = 5, 2, 6
+OBS, ACTION = 5, 2
 CONFIG = Config(
     sac=Sac(hidden=(8, 8), gamma=0.9, tau=0.25, initial_alpha=0.3, target_entropy=-1.0),
     replay=Replay(n_step_weight=0.5),
@@ -21,29 +23,9 @@ UPDATE = jax.jit(sac.update, static_argnums=(0, 4))
 INIT = jax.jit(lambda key: sac.init(NETWORKS, OBS, key, CONFIG))
 
 
-def backup(key, terminated=None) -> Backup:
-    reward_key, obs_key = jax.random.split(key)
-    if terminated is None:
-        terminated = jnp.asarray([True, False, False, False, True, False])
-    return Backup(
-        reward=jax.random.normal(reward_key, (BATCH,)),
-        next_obs=jax.random.normal(obs_key, (BATCH, OBS)),
-        terminated=terminated,
-        length=jnp.asarray([1, 1, 2, 3, 2, 3]),
-    )
-
-
 @pytest.fixture(name="batch", scope="module")
 def make_batch() -> Batch:
-    keys = jax.random.split(jax.random.key(1), 5)
-    return Batch(
-        obs=jax.random.normal(keys[0], (BATCH, OBS)),
-        action=jax.random.uniform(keys[1], (BATCH, ACTION), minval=-1.0),
-        is_demo=jnp.zeros(BATCH, bool),
-        weight=jax.random.uniform(keys[2], (BATCH,), minval=0.2),
-        one_step=backup(keys[3]),
-        n_step=backup(keys[4]),
-    )
+    return random_batch.batch(OBS, ACTION)
 
 
 @pytest.fixture(name="agent", scope="module")
@@ -69,7 +51,7 @@ def test_targets_equal_those_computed_by_hand(agent, batch):
 
 
 def test_a_terminal_step_does_not_bootstrap_and_any_other_does(agent):
-    ended = backup(jax.random.key(2), terminated=jnp.ones(BATCH, bool))
+    ended = random_batch.backup(jax.random.key(2), OBS, terminated=jnp.ones(BATCH, bool))
     going = dataclasses.replace(ended, terminated=jnp.zeros(BATCH, bool))
     on_end, on_going = (
         sac.bootstrap_targets(NETWORKS, agent, b, 0.9, jax.random.key(3)) for b in (ended, going)
@@ -79,7 +61,7 @@ def test_a_terminal_step_does_not_bootstrap_and_any_other_does(agent):
 
 
 def test_a_terminal_step_ignores_a_next_obs_that_is_not_finite(agent):
-    ended = backup(jax.random.key(2), terminated=jnp.ones(BATCH, bool))
+    ended = random_batch.backup(jax.random.key(2), OBS, terminated=jnp.ones(BATCH, bool))
     ended = dataclasses.replace(ended, next_obs=jnp.full((BATCH, OBS), jnp.nan))
     targets = sac.bootstrap_targets(NETWORKS, agent, ended, 0.9, jax.random.key(3))
     np.testing.assert_array_equal(targets, ended.reward)

@@ -8,9 +8,10 @@ import numpy as np
 
 from crsfd_jax import shapes
 from crsfd_jax.config import Config, to_dict
+from crsfd_jax.option_names import by_full_name
 from crsfd_jax.report.curves import Curve
 from crsfd_jax.report.methods import WITHOUT_INTERACTION, method_of, rank
-from crsfd_jax.report.runs import Run, flatten
+from crsfd_jax.report.runs import Run
 from crsfd_jax.report.statistics import final
 
 # What a run is told apart by, or what says nothing about what is learned.
@@ -85,7 +86,7 @@ def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
 
 def unusual_options(cells: Iterable[Cell]) -> dict[str, dict[str, Any]]:
     """For each method, the options that its usual runs give another value than the default."""
-    default = flatten(to_dict(Config()))
+    default = by_full_name(to_dict(Config()))
     usual = _usual_options([run for cell in cells for run in cell.runs])
     return {
         method: {n: v for n, v in options.items() if _matters(n) and v != default.get(n)}
@@ -98,7 +99,7 @@ def _usual_options(runs: Sequence[Run]) -> dict[str, dict[str, Any]]:
 
     What defines the task is counted over all methods: they are compared on the same parts.
     """
-    default, seen = flatten(to_dict(Config())), {}
+    default, seen = by_full_name(to_dict(Config())), {}
     for run in runs:
         for name, value in run.options.items():
             method = "" if name.startswith(_TASK) else method_of(run.options)
@@ -125,7 +126,7 @@ def _in_words(changed: dict[str, Any]) -> str:
     if "smoke" in changed:
         return "smoke" if changed["smoke"] else "no smoke"
     drawn = [name for name in changed if name.startswith("randomisation.")]
-    usual = flatten(to_dict(Config()))
+    usual = by_full_name(to_dict(Config()))
     none = all(changed[name] == usual.get(name) for name in drawn)
     words = ["no randomisation" if none else "randomised"] if drawn else []
     words += [f"{name} {changed[name]}" for name in changed if name not in drawn]

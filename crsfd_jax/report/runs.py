@@ -11,6 +11,7 @@ import numpy as np
 from crsfd_jax import metrics
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
+from crsfd_jax.option_names import by_full_name
 from crsfd_jax.report.curves import Curve, curve
 
 SUCCESS = "eval/success_rate"
@@ -113,7 +114,7 @@ def _run(name: str, table: Path, manifest: dict, columns: Mapping[str, np.ndarra
     clips = [path for path in table.parent.rglob("*") if path.suffix in CLIPS]
     return Run(
         name=name,
-        options=flatten(to_dict(Config())) | flatten(manifest["config"]),
+        options=by_full_name(to_dict(Config())) | _hashable(by_full_name(manifest["config"])),
         about={key: value for key, value in manifest.items() if key != "config"},
         curve=curve(columns, SUCCESS),
         seeds=np.unique(columns["seed"]),
@@ -142,12 +143,6 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     return manifest
 
 
-def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested options as full names, such as potential.gamma; lists become tuples."""
-    flat = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            flat |= flatten(value, f"{prefix}{name}.")
-        else:
-            flat[prefix + name] = tuple(value) if isinstance(value, list) else value
-    return flat
+def _hashable(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Lists, which JSON made of tuples, are tuples again."""
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in options.items()}

@@ -6,15 +6,12 @@ import io
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import evaluation, policy, shapes, task
+from crsfd_jax import evaluation, shapes, task, trained
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
-from crsfd_jax.learn import networks
-from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.randomisation import Randomisation
 from crsfd_jax.report.intervals import wilson_interval
 
@@ -56,18 +53,13 @@ def report(run: Path, config: Config, episodes: int, seed: int, table: str = "")
 
 def _play(run: Path, config: Config, episodes: int, seed: int) -> evaluation.Episodes:
     env = task.make_env(config)
-    nets = networks.make_networks(config.sac, ACTION_SIZE)
-
-    def start(key):
-        return nets.actor.init(key, jnp.zeros(OBS_SIZE))
-
+    policies = trained.load(run)
     keys = jax.random.split(jax.random.key(seed), config.seeds)
-    actors = policy.load(run, jax.eval_shape(jax.vmap(start), keys))
 
     def play(actor, key):
-        return evaluation.run(env, nets, actor, key, episodes)
+        return evaluation.run(env, policies.nets, actor, key, episodes)
 
-    return jax.jit(jax.vmap(play))(actors, keys)
+    return jax.jit(jax.vmap(play))(policies.actors, keys)
 
 
 def _describe(config: Config) -> str:

@@ -3,7 +3,6 @@
 import re
 import runpy
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +10,7 @@ from crsfd_jax import artefacts, cli
 from crsfd_jax.config import Config, run_name, smoke_sized, to_dict
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import choice_message
+from crsfd_jax.option_names import by_full_name
 from crsfd_jax.randomisation import TRAINING
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
@@ -73,7 +73,7 @@ def available() -> list[Path]:
 
 def cell_name(config: Config) -> str:
     """The name of a run, with every option that differs from its default."""
-    options = dict(_options(to_dict(config)))
+    options = by_full_name(to_dict(config))
     if config.randomisation == TRAINING:
         # run_name says that it is randomised, and these are the usual ranges.
         options = {name: options[name] for name in options if not name.startswith("randomisation.")}
@@ -98,18 +98,10 @@ def _cell(path: Path, number: int, given: Any) -> Cell:
     return Cell(cell_name(config), arguments, shrunk)
 
 
-def _options(values: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            yield from _options(value, f"{prefix}{name}.")
-        else:
-            yield prefix + name, value
-
-
 def _show(value: Any) -> str:
     if isinstance(value, tuple):
         return "x".join(map(_show, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-_DEFAULTS = dict(_options(to_dict(Config())))
+_DEFAULTS = by_full_name(to_dict(Config()))

@@ -2,18 +2,17 @@
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import artefacts, config, env, policy, task
+from crsfd_jax import config, env, task, trained
 from crsfd_jax.env import EnvState, Outcome
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import networks
-from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.observation import ACTION_SIZE
 from crsfd_jax.scene.build import Scene
 from crsfd_jax.shapes import read
 
@@ -62,11 +61,8 @@ def load(run: str) -> Live:
     Raises:
       UserError: the folder holds no run or no policy.
     """
-    options = artefacts.read_config(run)
-    nets = networks.make_networks(options.sac, ACTION_SIZE)
-    keys = jax.random.split(jax.random.key(0), options.seeds)
-    like = jax.eval_shape(jax.vmap(lambda key: nets.actor.init(key, jnp.zeros(OBS_SIZE))), keys)
-    return make(options, policy.load(Path(run), like))
+    policies = trained.load(run)
+    return make(policies.config, policies.actors)
 
 
 def task_of(loaded: Live, shape: str | None, shift: float | None) -> Task:
