@@ -12,15 +12,14 @@ import logging
 import math
 import re
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from orbax.checkpoint import v1 as ocp
 
+from crsfd_jax import array_store
 from crsfd_jax.errors import STOPPED, UserError
 from crsfd_jax.files import sync, sync_tree
 from crsfd_jax.leaves import (
@@ -125,12 +124,8 @@ def restore(folder: Path, like: Any) -> Checkpoint | None:
 
 
 def _write(path: Path, stored: dict[str, np.ndarray], body: str) -> None:
-    context = ocp.Context()
-    # Float noise hardly shrinks, and compressing it takes longer than writing it.
-    context.array.saving.use_compression = False
     description: Any = {"body": body, "sha256": _text_digest(body)}
-    with context, _orbax_silenced():
-        ocp.save_checkpointables(str(path), {"state": stored}, custom_metadata=description)
+    array_store.save(path, stored, description)
     sync_tree(path)
     sync(path.parent)
 
@@ -145,7 +140,7 @@ def _read(path: Path, step: int, like: Any) -> Checkpoint:
         if math.prod(leaf.shape)
     }
     with _damage_reported():
-        arrays = ocp.load_checkpointables(str(path), {"state": stored})["state"]
+        arrays = array_store.load(path, stored)
     leaves = []
     for i, (name, leaf) in enumerate(expected.items()):
         array = arrays.get(_slot(i), np.empty(*stored_type(leaf)))
@@ -159,7 +154,7 @@ def _read(path: Path, step: int, like: Any) -> Checkpoint:
 
 def _read_body(path: Path) -> tuple[dict[str, _Leaf], dict[str, Any]]:
     with _damage_reported():
-        description: Any = ocp.checkpointables_metadata(str(path)).custom_metadata
+        description: Any = array_store.describe(path)
         body = description["body"]
         is_intact = _text_digest(body) == description["sha256"]
         found = json.loads(body) if is_intact else {}
@@ -176,27 +171,12 @@ def _read_body(path: Path) -> tuple[dict[str, _Leaf], dict[str, Any]]:
 @contextlib.contextmanager
 def _damage_reported() -> Iterator[None]:
     try:
-        with _orbax_silenced():
-            yield
+        yield
     except MemoryError:
         raise
     except Exception as error:
         # orbax answers damaged files with whatever its parsers raise.
         raise _Damaged(f"{type(error).__name__}: {str(error)[:80]}") from error
-
-
-@contextlib.contextmanager
-def _orbax_silenced() -> Iterator[None]:
-    # Before it raises, orbax logs tracebacks and whole files; after it, unfinished writes complain.
-    log, hook = logging.getLogger("absl"), sys.unraisablehook
-    level = log.level
-    log.setLevel(logging.CRITICAL + 1)
-    sys.unraisablehook = lambda _: None
-    try:
-        yield
-        sys.unraisablehook = hook
-    finally:
-        log.setLevel(level)
 
 
 def _refuse_other_structure(path: Path, found: dict[str, _Leaf], expected: dict[str, Any]) -> None:

@@ -147,7 +147,7 @@ def test_a_stray_numbered_folder_is_set_aside_and_the_rest_is_ignored(saved, fol
 def test_a_run_never_starts_afresh_in_silence_when_all_checkpoints_are_damaged(saved, folder):
     shutil.copytree(saved, folder)
     for step in ("1", "2"):
-        shutil.rmtree(folder / step / "state")
+        shutil.rmtree(folder / step / "d")
     for _ in range(2):
         with pytest.raises(UserError, match=r"1.damaged, 2.damaged"):
             checkpoints.restore(folder, make_state(0))
@@ -160,7 +160,7 @@ def test_a_failed_save_is_one_error_and_the_older_checkpoint_stays(folder, monke
         (folder / "2.orbax-checkpoint-tmp").mkdir()
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(checkpoints.ocp, "save_checkpointables", full_disk)
+    monkeypatch.setattr(checkpoints.array_store, "save", full_disk)
     with pytest.raises(UserError, match=r"checkpoint 2 cannot be written .no space left"):
         checkpoints.save(folder, 2, {"x": jnp.zeros(3)}, {})
     assert [entry.name for entry in folder.iterdir()] == ["1"]
