@@ -212,7 +212,7 @@ def _refuse_other_run(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]
     if changed:
         raise UserError(
             f"{path.parent}: holds a run with other options: {', '.join(changed)}; use its "
-            "options (--steps may grow, --engine and --target may change) or another --out"
+            "options (--steps may grow, --engine, --target and --log may change) or another --out"
         )
 
 

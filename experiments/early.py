@@ -6,9 +6,15 @@ what tells them apart is how soon. The order of the cells is that of what they t
 
 from crsfd_jax.sweeps.grid import axis, grid
 
-ALL = axis("--shape", "3", "1", "4", "2")
+REST = "1", "4", "2"
+LEARNING = axis("--algorithm", "crsfd", "sacfd")
+ARMS = axis("--algorithm", "crsfd_no_free_space", "crsfd_same_gamma")
+OTHERS = axis("--algorithm", "bc", "sac", "sqil", "rlpd", "rsgm", "pofd", "gail", "gaifo")
 CELLS = (
-    *grid(ALL, axis("--algorithm", "crsfd", "sacfd")),
-    *grid(axis("--shape", "3"), axis("--algorithm", "crsfd_no_free_space", "crsfd_same_gamma")),
-    *grid(axis("--algorithm", "bc", "sac", "sqil", "rlpd", "rsgm", "pofd", "gail", "gaifo"), ALL),
+    *grid(axis("--shape", "3"), (*LEARNING, *ARMS)),
+    *grid(axis("--shape", "1", "4"), LEARNING),
+    *grid(axis("--shape", "3"), OTHERS),
+    *grid(axis("--shape", "2"), LEARNING),
+    *grid(axis("--shape", *REST), ARMS),
+    *grid(OTHERS, axis("--shape", *REST)),
 )

@@ -4,7 +4,8 @@ Hypothesis (Guo et al. 2022, table 1: 1.0, 1.0, 0.92, 0.92, 0.96 for shapes 0 to
 trained with errors also inserts under larger ones, and one trained without does so less often.
 
 Trials, 500 of them, of each run:
-    python -m crsfd_jax.evaluate runs/transfer/CELL --held-out --episodes 100
+    python -m crsfd_jax.evaluate runs/transfer/CELL --held-out --episodes 100 \\
+        --csv runs/transfer/CELL/held_out.csv
 """
 
 from crsfd_jax.sweeps.grid import axis, grid, methods

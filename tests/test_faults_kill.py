@@ -77,7 +77,7 @@ def test_every_signal_at_a_random_moment_stops_a_run_in_order(whole, seconds, tm
         process = fault_runs.start(folder)
         fault_runs.wait_for(process, "folder")
         with pytest.raises(Exception, match="timed out"):
-            process.wait(rng.uniform(0, seconds / 3))
+            process.wait(rng.uniform(0, seconds / 10))
         process.send_signal(number)
         out, _ = process.communicate(timeout=500)
         assert process.returncode == 75, out

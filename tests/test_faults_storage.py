@@ -109,7 +109,7 @@ def test_a_run_without_memory_ends_in_one_line(tmp_path):
     gigabytes = 6 * 2**30
     code, out = fault_runs.run(
         tmp_path / "run",
-        *("--no-smoke", "--replay.capacity", 64 * 400_000, "--steps", 64 * 400_000),
+        *("--no-smoke", "--replay.capacity", 64 * 60_000, "--steps", 64 * 60_000),
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (gigabytes, gigabytes)),
     )
     assert code == 2, out
