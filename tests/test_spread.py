@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -93,8 +94,8 @@ def test_each_device_computes_what_it_would_compute_alone(on_two, tmp_path):
     assert_equal(results(on_two, 2), results(tmp_path / "run", 2))
 
 
-def test_a_run_goes_on_with_another_number_of_devices(on_two):
-    code, out = run(on_two, 4, 1280)
+def test_a_run_goes_on_with_another_number_of_devices(on_two, tmp_path):
+    code, out = run(shutil.copytree(on_two, tmp_path / "run"), 4, 1280)
     assert code == 0, out
     assert "resumed at 1024 of 1280 steps" in out and "not bit-equal" in out
 
