@@ -7,9 +7,9 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
+import fault_runs
 import numpy as np
 import pytest
 
@@ -133,9 +133,7 @@ def test_two_processes_compute_what_two_devices_of_one_do(on_two, tmp_path):
 @pytest.mark.faults
 def test_a_signal_to_any_process_stops_all_and_one_can_go_on_alone(on_two, tmp_path):
     processes = start_two(tmp_path / "run", 4)
-    while not (tmp_path / "run" / "checkpoints").exists():
-        assert processes[0].poll() is None
-        time.sleep(0.1)
+    fault_runs.wait_for(processes[0], "compiled")
     processes[1].send_signal(signal.SIGTERM)
     outs = [process.communicate(timeout=500)[0] for process in processes]
     assert [process.returncode for process in processes] == [75, 75], outs
