@@ -44,7 +44,7 @@ class Sweep:
     runner: Literal["local", "ray", "slurm"] = "local"
     """What runs the cells: processes of this machine, a Ray cluster, or a SLURM job array."""
     workers: Annotated[int, Interval(1, 10_000)] = 1
-    """Cells at a time; on a CPU they share its cores, and one after the other is as fast."""
+    """Cells at a time, each with its share of the CPU cores; one for each core is fastest."""
     retries: Annotated[int, Interval(0, 100)] = 1
     """How often a cell that fails is continued before it is given up."""
     gpus: Annotated[float, Interval(0, 64)] = 0.0

@@ -1,4 +1,4 @@
-"""Copies metrics and options of runs to experiments/results/, which `crsfd_jax.report` can read.
+"""Copies metrics, options and held-out trials of runs to experiments/results/, for the report.
 
 python experiments/collect.py runs/setting2 runs/setting1/CELL
 python -m crsfd_jax.report experiments/results --out docs/results
@@ -13,15 +13,20 @@ RESULTS = Path(__file__).parent / "results"
 PRIVATE = ("out", "demos")
 """Options that may hold a path of the machine."""
 
+HELD_OUT = "held_out.csv"
+"""What experiments/transfer.py has `crsfd_jax.evaluate` write into a run folder."""
+
 
 def collect(run: Path) -> Path:
-    """Copies one run folder's metrics.csv and config.json under the folder's name."""
+    """Copies one run folder's tables and config.json under the folder's name."""
     manifest = json.loads((run / "config.json").read_text())
     del manifest["command"]
     for option in PRIVATE:
         manifest["config"][option] = Path(manifest["config"][option]).name
     RESULTS.mkdir(exist_ok=True)
     shutil.copyfile(run / "metrics.csv", RESULTS / f"{run.name}.csv")
+    if (run / HELD_OUT).exists():
+        shutil.copyfile(run / HELD_OUT, RESULTS / f"{run.name}-{HELD_OUT}")
     (RESULTS / f"{run.name}.json").write_text(json.dumps(manifest, indent=1) + "\n")
     return RESULTS / f"{run.name}.csv"
 

@@ -1,0 +1,106 @@
+"""Where do trained policies find a moved hole, and where do they look for it?
+
+Hypothesis: a potential fitted at the nominal place draws the peg back there, so that CRSfD misses
+the far corners of the square more often than SACfD does.
+
+    python experiments/search.py docs/results/search.png \\
+        runs/setting2/crsfd-shape0-shift8mm-seed0x5 runs/setting2/sacfd-shape0-shift8mm-seed0x5
+
+For each run, from its shift: success by the distance of the hole from its nominal place, a map of
+success over where the hole is, and of where the tip is while it touches the plane of the mouth.
+"""
+
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import matplotlib.figure
+import numpy as np
+from matplotlib.axes import Axes
+
+from crsfd_jax import compile_cache, task, trained
+from crsfd_jax.learn.networks import mode_action
+
+EPISODES = 2000
+"""Of each seed."""
+TOUCHES = 1.5e-3
+"""m above the mouth or below it: the tip is on the plate."""
+BINS = 6
+
+
+def play(run: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Offset [S, K, 2] m, success [S, K] and tip [S, T, K, 3] m of whole episodes.
+
+    The tip of an episode that is over is NaN.
+    """
+    policies = trained.load(run)
+    env = task.make_env(policies.config)
+
+    def one(actor, key):
+        start = env.reset(key, EPISODES)
+
+        def body(carry, _):
+            state, running = carry
+            state, outcome = env.advance(state, mode_action(policies.nets.actor, actor, state.obs))
+            over = outcome.terminated | ~outcome.finite
+            tip = jnp.where(running[:, None], outcome.tip[:, :3], jnp.nan)
+            return (state, running & ~over), (tip, running & outcome.terminated)
+
+        carry = start, jnp.ones(EPISODES, bool)
+        _, (tip, success) = jax.lax.scan(body, carry, length=env.horizon)
+        return start.around.socket_offset, success.any(axis=0), tip
+
+    keys = jax.random.split(jax.random.key(2_000_000), policies.config.seeds)
+    return tuple(map(np.asarray, jax.jit(jax.vmap(one))(policies.actors, keys)))
+
+
+def by_distance(offset: np.ndarray, success: np.ndarray, half: float) -> list[float]:
+    """Success in four rings of equal width around the nominal place, squares as the shift is."""
+    ring = np.minimum(np.abs(offset).max(axis=-1) / half * 4, 3.999).astype(int)
+    return [float(success[ring == i].mean()) for i in range(4)]
+
+
+def where_found(offset: np.ndarray, success: np.ndarray, half: float) -> np.ndarray:
+    """[BINS, BINS] success over where the hole is, x first."""
+    edges = np.linspace(-half, half, BINS + 1)
+    x, y = offset.reshape(-1, 2).T
+    found = np.histogram2d(x, y, (edges, edges), weights=success.ravel().astype(float))[0]
+    return found / np.histogram2d(x, y, (edges, edges))[0]
+
+
+def where_touched(tip: np.ndarray, half: float) -> np.ndarray:
+    """[48, 48] density of the tip on the plate within twice the shift, x first."""
+    x, y, z = tip[np.isfinite(tip).all(axis=-1)].T
+    edges, on_plate = np.linspace(-2 * half, 2 * half, 49), np.abs(z) < TOUCHES
+    return np.histogram2d(x[on_plate], y[on_plate], (edges, edges), density=True)[0]
+
+
+def draw(axis: Axes, values: np.ndarray, half_mm: float, title: str, top: float | None) -> None:
+    """A map of values over the plane of the mouth."""
+    extent = (-half_mm, half_mm, -half_mm, half_mm)
+    shown = axis.imshow(values.T, origin="lower", extent=extent, vmin=0, vmax=top)
+    axis.figure.colorbar(shown, ax=axis)
+    axis.set(title=title, xlabel="x, mm", ylabel="y, mm")
+
+
+def main(picture: Path, runs: list[Path]) -> None:
+    """Prints a line for each run and draws a row of two maps for it."""
+    compile_cache.enable()
+    figure = matplotlib.figure.Figure(figsize=(8, 3.4 * len(runs)), layout="constrained")
+    rows = figure.subplots(len(runs), 2, squeeze=False)
+    for (left, right), run in zip(rows, runs, strict=True):
+        config, (offset, success, tip) = trained.load(run).config, play(run)
+        half, name = config.shift / 2, config.algorithm
+        words = " ".join(f"{rate:.3f}" for rate in by_distance(offset, success, half))
+        print(f"{run.name}: success {success.mean():.3f}, from the nominal place outwards {words}")
+        found = where_found(offset, success, half)
+        draw(left, found, half * 1e3, f"{name}: success by place of the hole", 1.0)
+        touched = where_touched(tip, half)
+        draw(right, touched, half * 2e3, f"{name}: where the tip touches the plate", None)
+    figure.savefig(picture, dpi=110)
+    print(picture)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]])
