@@ -122,6 +122,10 @@ def test_experiments_are_those_of_the_paper():
     }
     assert pairs("sensitivity", "seeds") == {(3,)}
     assert pairs("sensitivity", "demo_episodes") == {(0,), (1,), (5,), (10,)}
+    quality = {f"runs/demos/noise{factor}.npz" for factor in "13"}
+    assert pairs("sensitivity", "algorithm", "demos") == {
+        (method, demos) for method in ("crsfd", "sacfd") for demos in ("builtin", *quality)
+    }
     errors = [cell.config.randomisation for cell in experiment("transfer").cells]
     assert errors.count(TRAINING) == 10 and len(errors) == 15
 
