@@ -7,6 +7,7 @@ the first value outside, naming the command-line option that sets it.
 import dataclasses
 import difflib
 import itertools
+import types
 import typing
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -90,10 +91,15 @@ def _show_number(value: float) -> str:
 def _limits_of(hint: Any) -> Iterator[Any]:
     if typing.get_origin(hint) is Literal:
         yield OneOf(typing.get_args(hint))
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        for part in typing.get_args(hint):
+            yield from _limits_of(part)
     yield from getattr(hint, "__metadata__", ())
 
 
 def _check_value(option: str, value: Any, limits: tuple[Any, ...]) -> None:
+    if value is None:
+        return
     show = next((limit.show for limit in limits if isinstance(limit, ShownAs)), _show_number)
     for limit in limits:
         if isinstance(limit, OneOf) and value not in limit.choices:

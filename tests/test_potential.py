@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from crsfd_jax import config
+from crsfd_jax.algorithms import crsfd
+from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.learn import potential
 from crsfd_jax.learn.replay import Backup
 from crsfd_jax.learn.returns import monte_carlo_returns
 from crsfd_jax.learn.shaping import shape_reward
+from crsfd_jax.observation import OBS_SIZE, POSE_SCALE, TIP_POSE
 from crsfd_jax.types import Transition
 
 LENGTH = 10
@@ -179,3 +182,77 @@ def test_shaping_is_nothing_on_a_demonstration_whose_gamma_is_the_same():
     larger = shape_reward(before_goal, returns[:-1], returns[1:], 0.9, "keep").reward
     np.testing.assert_allclose(same, 0.0, atol=1e-6)
     np.testing.assert_allclose(larger, (0.9 / 0.8 - 1) * returns[:-1], rtol=1e-5)
+
+
+def test_moved_demonstrations_are_valued_by_the_mean_of_all_places_they_may_come_from():
+    """Half of the chain's copies lie at y = 0, half at y = 1, where nothing else is known."""
+    features, targets = potential.demonstration_targets(chain_demos(), QUICK)
+    careless = dataclasses.replace(QUICK, free_space_weight=0.0, steps=3000)
+
+    def move(key, features):
+        side = jax.random.bernoulli(key, 0.5, (len(features),))
+        return jnp.asarray(features).at[:, 1].add(side)
+
+    def value_at(y, move):
+        key = jax.random.key(0)
+        fitted, _ = potential.fit(key, features, targets, free_space, careless, move)
+        return np.asarray(potential.evaluate(fitted, features + jnp.array([0.0, y])))[:LENGTH]
+
+    np.testing.assert_allclose(value_at(0.0, move), targets[:LENGTH], atol=0.06)
+    np.testing.assert_allclose(value_at(1.0, move), targets[:LENGTH], atol=0.06)
+
+    def reverse(key, features):
+        """Every state as likely the one at the other end of the chain."""
+        swap = jax.random.bernoulli(key, 0.5, (len(features), 1))
+        mirrored = jnp.array([1.0 - 1 / LENGTH, 0.0]) - features
+        return jnp.where(swap, mirrored, features)
+
+    mean = (targets[:LENGTH] + targets[:LENGTH][::-1]) / 2
+    np.testing.assert_allclose(value_at(0.0, reverse), mean, atol=0.06)
+
+
+def test_demonstrated_poses_move_in_x_and_y_within_the_square_and_no_further():
+    poses = jnp.asarray(np.random.default_rng(0).normal(size=(4000, 6)), jnp.float32)
+    change = np.asarray(crsfd.moved(jax.random.key(0), poses, 0.008) - poses) * POSE_SCALE
+    assert np.abs(change[:, :2]).max() <= 0.004 + 1e-6
+    np.testing.assert_allclose(change[:, :2].mean(axis=0), 0.0, atol=2e-4)
+    np.testing.assert_allclose(change[:, :2].std(axis=0), 0.008 / np.sqrt(12), rtol=0.03)
+    assert abs(np.corrcoef(change[:, :2].T)[0, 1]) < 0.06
+    np.testing.assert_array_equal(change[:, 2:], 0.0)
+
+
+def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
+    """Top at the nominal place without a spread; with one, nearly as high in its corners."""
+    rng = np.random.default_rng(1)
+    depth = np.tile(np.linspace(0.05, -0.028, 16), 40)
+    tip = np.zeros((len(depth), 6), np.float32)
+    tip[:, :2], tip[:, 2] = rng.normal(0, 3e-4, (len(depth), 2)), depth
+    obs = np.zeros((len(depth), OBS_SIZE), np.float32)
+    obs[:, TIP_POSE] = tip / POSE_SCALE
+    last = np.arange(len(depth)) % 16 == 15
+    demos = Transition(
+        obs=obs,
+        action=np.zeros((len(depth), 1)),
+        reward=last.astype(np.float32),
+        next_obs=obs,
+        terminated=last,
+        truncated=np.zeros(len(depth), bool),
+    )
+
+    def around(key, count):
+        found = jnp.zeros((count, OBS_SIZE))
+        return found.at[:, TIP_POSE].set(jax.random.uniform(key, (count, 6), minval=-5, maxval=5))
+
+    def drop(shift, spread):
+        """How far the potential falls from the nominal mouth to 4 mm aside."""
+        options = config.Potential(steps=1500, spread=spread)
+        run = config.Config(shift=shift, potential=options)
+        fitted = crsfd.prepare(jax.random.key(0), Preparation(demos, around), run)
+        mouth = np.zeros((3, 6), np.float32)
+        mouth[1, 0], mouth[2, :2] = 0.004, -0.003
+        middle, *aside = np.asarray(potential.evaluate(fitted, mouth / POSE_SCALE))
+        return middle - np.mean(aside)
+
+    assert drop(0.0, None) > 3 * abs(drop(0.008, None))
+    assert drop(0.008, 0.0) == drop(0.0, None)
+    assert drop(0.0, 0.008) == drop(0.008, None)

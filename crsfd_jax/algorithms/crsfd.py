@@ -2,16 +2,23 @@
 
 Source: Guo et al. 2022, Algorithm 1. The potential sees the tip's pose and nothing else: joint
 angles follow from it, and velocities would let a network tell demonstrations from samples.
+
+Where the socket of the new task may have moved by an unknown offset, the demonstrations are
+moved as it may have: the potential is their value averaged over the places of the socket. One
+that is fitted to the demonstrated place alone has its top there, beside the hole.
 """
 
+import functools
+
 import jax
+import jax.numpy as jnp
 
 from crsfd_jax.algorithms.method import Method, Preparation
 from crsfd_jax.config import Config
 from crsfd_jax.learn import potential
 from crsfd_jax.learn.replay import Batch
 from crsfd_jax.learn.shaping import shape_reward
-from crsfd_jax.observation import TIP_POSE
+from crsfd_jax.observation import POSE_SCALE, TIP_POSE
 
 
 def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potential.Potential:
@@ -21,8 +28,16 @@ def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potenti
     def sample_features(key: jax.Array, count: int) -> jax.Array:
         return preparation.free_space(key, count)[..., TIP_POSE]
 
-    fitted, _ = potential.fit(key, obs[..., TIP_POSE], targets, sample_features, config.potential)
-    return fitted
+    spread = config.shift if config.potential.spread is None else config.potential.spread
+    move = functools.partial(moved, spread=spread) if spread else None
+    poses = obs[..., TIP_POSE]
+    return potential.fit(key, poses, targets, sample_features, config.potential, move)[0]
+
+
+def moved(key: jax.Array, poses: jax.Array, spread: float) -> jax.Array:
+    """Tip poses [n, 6], in units of POSE_SCALE, each moved in a square of this side, m, in x, y."""
+    half = jnp.asarray(spread / 2 / POSE_SCALE[:2])
+    return poses.at[:, :2].add(jax.random.uniform(key, (len(poses), 2), minval=-half, maxval=half))
 
 
 def reward(fitted: potential.Potential, batch: Batch, config: Config) -> Batch:

@@ -27,8 +27,12 @@ from crsfd_jax.types import Transition
 
 SampleFreeSpace = Callable[[jax.Array, int], jax.Array]
 """Maps a key and a count n to features [n, F] spread over the free space."""
+Move = Callable[[jax.Array, jax.Array], jax.Array]
+"""Maps a key and features [n, F] of demonstrations to where else they are as good."""
 NUM_PROBES = 4096
 """Free-space states that the fit is judged on."""
+_MOVING = 7
+"""Folded into the key of a batch of demonstrations, whose rows are drawn with it."""
 
 
 @flax.struct.dataclass(kw_only=True)
@@ -67,15 +71,20 @@ def demonstration_targets(
     return obs, targets
 
 
-@functools.partial(jax.jit, static_argnames=("sample_free_space", "potential"))
+@functools.partial(jax.jit, static_argnames=("sample_free_space", "potential", "move"))
 def fit(
     key: jax.Array,
     features: jax.Array,
     targets: jax.Array,
     sample_free_space: SampleFreeSpace,
     potential: config.Potential,
+    move: Move | None = None,
 ) -> tuple[Potential, dict[str, jax.Array]]:
     """Runs the regression on features [D, F] with targets [D] in [0, 1].
+
+    Args:
+      move: applied to each batch of demonstrations, so that the regression finds the mean of
+        the targets over what it draws.
 
     Returns:
       The potential, and how good it is: root-mean-square error on the demonstrations, mean
@@ -92,8 +101,11 @@ def fit(
         demo_key, free_key = jax.random.split(step_key)
         rows = jax.random.randint(demo_key, (potential.batch_size,), 0, features.shape[0])
         free = sample_free_space(free_key, potential.batch_size)
+        known = features[rows]
+        if move is not None:
+            known = move(jax.random.fold_in(demo_key, _MOVING), known)
         loss, gradient = jax.value_and_grad(regression_loss)(
-            fitted, features[rows], targets[rows], free, potential.free_space_weight
+            fitted, known, targets[rows], free, potential.free_space_weight
         )
         updates, opt_state = optimiser.update(gradient, opt_state)
         fitted = cast(Any, optax.apply_updates(cast(Any, fitted), updates))

@@ -46,12 +46,14 @@ def draw_of(cells: Sequence[Cell], path: Path) -> str:
       UserError: their demonstrations cannot be used.
     """
     options = next((c.runs[0].options for c in cells if c.method == "crsfd" and not c.variant), {})
-    draw(*fit(_config(options)), path)
+    config = _config(options)
+    draw(*fit(config), path)
     return (
-        "The potential that shapes the rewards, fitted as in training, for a tip at rest in the "
-        "frame of the nominal socket. Orange: tip of the demonstrations, seen from above and from "
-        "the side, with a dot at the end. Squares: where the socket's centre may lie at shifts of "
-        "4, 6 and 8 mm. Hatched: out of reach whichever of them it is."
+        "The potential that shapes the rewards, fitted as in training with a shift of "
+        f"{config.shift * 1e3:g} mm, for a tip at rest in the frame of the nominal socket. "
+        "Orange: tip of the demonstrations, seen from above and from the side, with a dot at the "
+        "end. Squares: where the socket's centre may lie at shifts of 4, 6 and 8 mm. Hatched: out "
+        "of reach whichever of them it is."
     )
 
 
@@ -85,7 +87,8 @@ def _config(options: dict[str, Any]) -> Config:
         names = {field.name for field in dataclasses.fields(group)}
         known = {n: options[f"{name}.{n}"] for n in names if f"{name}.{n}" in options}
         parts[name] = group(**known)
-    chosen = {name: options[name] for name in ("demos", "demo_episodes") if name in options}
+    names = ("demos", "demo_episodes", "shift")
+    chosen = {name: options[name] for name in names if name in options}
     return Config(**chosen, **parts)
 
 
