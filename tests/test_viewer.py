@@ -73,7 +73,7 @@ def step(page, count=1):
 
 def test_each_seed_has_its_own_policy(loaded):
     state = loaded.reset(SOURCE, jax.random.key(3))
-    actions = [np.asarray(loaded.act(row, state)) for row in range(2)]
+    actions = [np.asarray(loaded.act(loaded.actors, row, state)) for row in range(2)]
     assert actions[0].shape == (1, ACTION_SIZE) and not np.array_equal(*actions)
 
 
@@ -135,9 +135,12 @@ def test_friction_changes_without_a_fresh_episode(page):
 def test_the_seed_chooses_the_policy(page, monkeypatch):
     rows = []
     act = page.live.act
-    monkeypatch.setattr(
-        page, "live", page.live._replace(act=lambda row, state: rows.append(row) or act(row, state))
-    )
+
+    def noted(actors, row, state):
+        rows.append(row)
+        return act(actors, row, state)
+
+    monkeypatch.setattr(page, "live", page.live._replace(act=noted))
     step(page)
     page.panel.seed.value = "8"
     step(page)

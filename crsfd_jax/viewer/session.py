@@ -103,7 +103,7 @@ def _action(session: Session) -> Any:
         tip = np.asarray(session.state.tip)[0]
         return hand.action_towards(session.live.config.mdp, tip, _goal(session))
     row = int(session.panel.seed.value) - session.live.config.seed
-    return session.live.act(row, session.state)
+    return session.live.act(session.live.actors, row, session.state)
 
 
 def _goal(session: Session) -> np.ndarray:
