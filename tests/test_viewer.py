@@ -58,7 +58,7 @@ def page(served):
     controls = served.panel
     controls.by_hand.value = controls.paused.value = False
     controls.shape.value, controls.shift.value, controls.friction.value = SOURCE
-    controls.seed.value = "7"
+    controls.seed.value, controls.speed.value, controls.forces.value = "7", 1.0, True
     served.tape.forget()
     served.tape.is_running, served.message = False, ""
     controls.asked.put(("reset", None))
@@ -156,7 +156,6 @@ def test_speed_is_the_time_that_a_step_is_given(page):
         page.panel.speed.value, slept = speed, []
         session.step(page, sleep=slept.append)
         assert len(slept) == session.FRAMES and 0.3 * expected <= sum(slept) <= expected + 1e-6
-    page.panel.speed.value = 1.0
 
 
 def test_an_episode_ends_at_the_horizon_and_is_counted(page):
@@ -212,7 +211,6 @@ def test_a_pressed_peg_shows_the_contact_forces(page):
     page.panel.forces.value = False
     step(page)
     assert not shown_arrows(page) and page.drawing.peg.opacity == 1
-    page.panel.forces.value = True
 
 
 def test_the_potential_lies_where_its_poses_are():
@@ -352,7 +350,7 @@ def test_an_mp4_gives_its_frames_back(tmp_path):
 @pytest.mark.skipif(browser.find() is None, reason="no Chromium is installed")
 def test_a_browser_draws_the_scene_and_follows_its_controls(page, tmp_path):
     """The arm stands still, so that pictures differ by what a control changed only."""
-    page.panel.paused.value = True
+    page.panel.paused.value, page.panel.forces.value = True, False
     with running(page), in_a_browser(page, tmp_path) as tab:
         _follow(page, tab)
 
@@ -389,11 +387,11 @@ def in_a_browser(page, folder):
 @pytest.mark.skipif(browser.find() is None, reason="no Chromium is installed")
 def test_a_demonstration_is_recorded_with_the_keyboard_of_a_browser(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    page.panel.speed.value = 4.0
+    page.panel.speed.value, page.panel.file.value = 4.0, "by_hand.npz"
     with running(page), in_a_browser(page, tmp_path / "profile") as tab:
         browser.wait_for(lambda: tab.has_button("Start recording"), 60, "the panel")
         tab.click("Start recording")
-        browser.wait_for(lambda: page.tape.is_running and page.age > 0, 60, "recording")
+        browser.wait_for(lambda: bool(page.tape.steps), 60, "recording")
         goal = page.drawing.goal.position - page.drawing.scene.nominal
         for axis, plus, minus in ((0, "I", "K"), (1, "J", "L")):
             coarse, fine = divmod(round(abs(goal[axis]) / panel.FINE), 10)
@@ -420,7 +418,6 @@ def test_a_demonstration_is_recorded_with_the_keyboard_of_a_browser(page, tmp_pa
     demos = builtin.load("by_hand.npz")
     assert dataset.episode_success(demos)[0]
     assert replay.replay(demos, "native").success[0]
-    page.panel.speed.value = 1.0
 
 
 def _follow(page, tab):
