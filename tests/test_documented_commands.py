@@ -17,7 +17,7 @@ from crsfd_jax.demos import builtin
 from crsfd_jax.sweeps import cells
 
 SMOKE = "--smoke --steps 2048 --potential.steps 20"
-EXPERT = "--steps 5120 --enough 0 --episodes 2"
+EXPERT = "--enough 0.3 --episodes 10"
 TRAIN, DEMOS = "python -m crsfd_jax.train", "python -m crsfd_jax.demos"
 EVALUATE, SWEEP = "python -m crsfd_jax.evaluate", "python -m crsfd_jax.sweep --experiment"
 RECORDED = {
@@ -26,8 +26,8 @@ RECORDED = {
     f"{DEMOS} record --shape 1 --episodes 20 --noise 1.5 --out one.npz": "one.npz",
     f"{DEMOS} record --shape 1 --out one.npz": "one.npz",
 }
-"""Command -> its file. An expert that has hardly trained inserts nothing, and a run needs success:
-the shipped demonstrations, made by the same command, take the file's place afterwards."""
+"""Command -> its file. The shipped demonstrations, of an expert that has trained to the end, take
+the file's place afterwards."""
 IN_ORDER = {
     f"{TRAIN} --shape 2 --shift 8mm --steps 300000": f"{SMOKE} --out runs/NAME",
     f"{TRAIN} --shape all --algorithm sacfd": SMOKE,
