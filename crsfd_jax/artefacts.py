@@ -5,6 +5,7 @@ metrics.csv     one row for each evaluation of each seed
 checkpoints/    the newest complete states of the run
 policy.npz      parameters of the trained policies
 curves.png      success against environment steps
+clips/          films of the policy, if asked for
 """
 
 import contextlib
@@ -41,7 +42,7 @@ COPIES = 3
 """Checkpoints that exist at once: two kept and one being written."""
 
 LOCK, _CONFIG = ".lock", "config.json"
-MAY_CHANGE = ("out", "engine", "target", "log")
+MAY_CHANGE = ("out", "engine", "target", "log", "clips")
 """Options that a continued run may give anew; --steps may grow."""
 _STORAGE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """What is wrong with a disk; such errors of an open file name no file."""
@@ -212,7 +213,8 @@ def _refuse_other_run(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]
     if changed:
         raise UserError(
             f"{path.parent}: holds a run with other options: {', '.join(changed)}; use its "
-            "options (--steps may grow, --engine, --target and --log may change) or another --out"
+            "options (--steps may grow, --engine, --target, --log and --clips may change) or "
+            "another --out"
         )
 
 

@@ -176,6 +176,9 @@ class Config:
     """Run folder; empty for a name made of the options, under runs/."""
     log: Literal["none", "tensorboard", "wandb"] = "none"
     """Also give metrics.csv to TensorBoard or Weights & Biases, inside the run folder."""
+    clips: bool = False
+    """Write a short film of the first seed's policy at each evaluation, clips/STEPS.gif; it needs
+    OpenGL, takes some seconds each, and changes nothing that is learned."""
     smoke: bool = False
     """Shrink everything to a quick check that the whole path works."""
     scene: Scene = field(default_factory=Scene)

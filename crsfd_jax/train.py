@@ -3,12 +3,15 @@
 from crsfd_jax import cli, loggers
 from crsfd_jax.config import Config, smoke_sized
 from crsfd_jax.demos import builtin
+from crsfd_jax.report import opengl
 
 
 def run(argv: list[str]) -> int:
     """Trains as the command line says; see --help."""
     config = cli.parse(Config, argv)
     loggers.require(config.log)
+    if config.clips:
+        opengl.platform()
     if config.smoke:
         config = smoke_sized(config)
     demos = builtin.load(config.demos, config.demo_episodes)

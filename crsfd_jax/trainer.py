@@ -16,6 +16,7 @@ import numpy as np
 from crsfd_jax import (
     artefacts,
     checkpoints,
+    clips,
     device,
     divergence,
     loggers,
@@ -81,6 +82,7 @@ def run(config: Config, program: Program, folder: artefacts.RunFolder, interrupt
         program = _compiled(program, states)
     began, saved_at, save_s = time.monotonic() - at.wall_s, time.monotonic(), 0.0
     seeds = range(config.seed, config.seed + config.seeds)
+    film = clips.recorder(config, folder.path)
     with (
         progress(config.steps, at.step * config.envs) as show,
         loggers.opened(config.log if spread.is_first() else "none", folder.path, seeds) as log,
@@ -93,6 +95,7 @@ def run(config: Config, program: Program, folder: artefacts.RunFolder, interrupt
             if at.step % evaluation_period(config) == 0 or at.step == total_steps(config):
                 _evaluate(config, program, states, at, folder)
                 log()
+                film(states.agent.actor, at.step * config.envs)
             show(at.step * config.envs, at.success)
             due = spread.is_first() and save_is_due(save_s, time.monotonic() - saved_at)
             if spread.any_of(due) and not _is_over(config, at):

@@ -43,10 +43,40 @@ class Page:
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         return answer["result"].get("value")
 
+    def text(self) -> str:
+        """What the page shows in words."""
+        return self.evaluate("document.body.innerText")
+
+    def has_button(self, label: str) -> bool:
+        """Whether there is a button with this label, also in a folder that is closed."""
+        return self.evaluate(f"!!{_button(label)}")
+
+    def click(self, label: str) -> None:
+        """Clicks the button with this label."""
+        self.evaluate(f"{_button(label)}.click()")
+
+    def press(self, letter: str, is_shifted: bool) -> None:
+        """Types a key."""
+        key = letter if is_shifted else letter.lower()
+        for kind in ("rawKeyDown", "keyUp"):
+            self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=f"Key{letter}",
+                modifiers=8 if is_shifted else 0,
+                windowsVirtualKeyCode=ord(letter),
+            )
+
     def screenshot(self) -> np.ndarray:
         """uint8 [H, W, 3]."""
         data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
         return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+
+
+def _button(label: str) -> str:
+    buttons = "[...document.querySelectorAll('button')]"
+    return f"{buttons}.find(button => button.innerText == {json.dumps(label)})"
 
 
 def wait_for(is_true: Callable[[], bool], seconds: float, what: str) -> None:

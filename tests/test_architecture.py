@@ -21,8 +21,8 @@ ORDER = tuple(
     demos.layout demos.hdf5 demos.robomimic demos.minari demos.exchange
     learn algorithms free_space train_step chunk evaluation trained deploy
     demos.expert demos.record demos.commands
-    report gym program standing outcome trainer
-    viewer view evaluate train sweep doctor export report.__main__ demos.__main__
+    report gym program standing outcome viewer clips trainer
+    view evaluate train sweep doctor export report.__main__ demos.__main__
     """.split()  # noqa: SIM905
 )
 """Bottom first: modules, or packages as a whole. A module may import what stands before it."""

@@ -156,7 +156,7 @@ def test_what_a_killed_process_left_half_written_is_removed(tmp_path):
 
 def test_the_engine_and_the_target_may_change_when_a_run_goes_on(tmp_path, caplog):
     enter(tmp_path / "run", device="2 cores, engine native")
-    changed = Config(engine="mjx", target=0.9)
+    changed = Config(engine="mjx", target=0.9, clips=True)
     enter(tmp_path / "run", changed, device="2 cores, engine mjx")
     assert "not bit-equal from here on: 2 cores, engine native, now 2 cores, engine mjx" in (
         caplog.text

@@ -313,7 +313,7 @@ def test_description_names_task_sizes_success_and_origin():
     for part in (
         "shape 0",
         "2, 1 successful, 2 to 3 steps, 5 transitions",
-        "yaw [rad]",
+        "yaw 1 [rad]",
         "jax 0.10.2",
     ):
         assert part in text

@@ -1,5 +1,6 @@
 """An exported policy is the trained one, and its side file says how to use it."""
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from crsfd_jax import config, env, export, extras, task
+from crsfd_jax import config, env, export, extras, randomisation, task
 from crsfd_jax.deploy import formats
 from crsfd_jax.errors import UserError
 
@@ -107,6 +108,19 @@ def test_the_contract_describes_observation_and_action(run, tmp_path, links):
     assert told["action"]["scale"] == [0.01] * 3 + [0.05] * 3
     assert told["action"]["setpoint_low"] == [-0.04, -0.04, -0.04, -0.15, -0.15, -0.15]
     assert told["task"]["shape"] == "2" and told["task"]["clearance"] == 1e-3
+
+
+def test_the_contract_says_what_was_drawn_in_training(run, tmp_path):
+    drawn = randomisation.TRAINING
+    finished_run.write(
+        tmp_path / "r", dataclasses.replace(finished_run.OPTIONS, randomisation=drawn)
+    )
+    for source, expected in ((run, randomisation.Randomisation()), (tmp_path / "r", drawn)):
+        export.run([str(source), "--out", str(tmp_path)])
+        told = json.loads((tmp_path / "policy.json").read_text())["randomisation"]
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in told.items()}
+        assert randomisation.Randomisation(**{k: values[k] for k in vars(expected)}) == expected
+        assert all(name in told["unit"] for name in vars(expected))
 
 
 def test_the_controller_of_the_contract_is_the_simulated_one(run, tmp_path):

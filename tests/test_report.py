@@ -409,18 +409,34 @@ def test_the_page_needs_nothing_but_itself(tmp_path):
     make_run(tmp_path / "r" / "a", "crsfd", demos="<b>mine</b>")
     make_run(tmp_path / "r" / "b", "crsfd", values=rising(200)[:3])
     make_run(tmp_path / "r" / "c", "sacfd")
-    Image.new("RGB", (9, 9)).save(tmp_path / "r" / "a" / "clip.gif")
+    (tmp_path / "r" / "a" / "clips").mkdir()
+    for name in ("clip", "clips/9", "clips/20", "clips/100", "clips/3000"):
+        Image.new("RGB", (9, 9)).save(tmp_path / "r" / "a" / f"{name}.gif", "GIF")
     out = tmp_path / "out"
     file = page.write(page.collect([str(tmp_path / "r")]), out, stub_map)
     parsed = Page()
     parsed.feed(file.read_text())
     assert not parsed.open
-    assert len(parsed.sources) == 3 and all(s.startswith("data:image/") for s in parsed.sources)
+    films = [source for source in parsed.sources if source.startswith("data:image/gif")]
+    assert len(films) == 4 and len(parsed.sources) == 6
+    assert all(source.startswith("data:image/") for source in parsed.sources)
     text = " ".join(parsed.text)
+    ages = [age for age in (9, 20, 100, 3000) if f", {age:,} steps" in text]
+    assert ages == [9, 100, 3000]
     assert "demos <b>mine</b>" in text and "a map" in text and "1.2.3" in text
     assert Image.open(out / "tasks.png").width > 400
     again = page.write(page.collect([str(tmp_path / "r")]), tmp_path / "again", stub_map)
     assert again.read_text() == file.read_text()
+
+
+def test_films_that_would_make_the_page_too_large_are_named(tmp_path, monkeypatch):
+    for name, size in (("a", 3), ("b", 9)):
+        make_run(tmp_path / "r" / name, "crsfd" if name == "a" else "sacfd")
+        (tmp_path / "r" / name / "film.gif").write_bytes(bytes(size))
+    monkeypatch.setattr(page, "MAX_FILM_BYTES", 10)
+    file = page.write(page.collect([str(tmp_path / "r")]), tmp_path / "out", stub_map)
+    text = file.read_text()
+    assert text.count("data:image/gif") == 1 and "r/b/film.gif: no room" in text
 
 
 def test_the_program_reports_and_refuses(tmp_path, monkeypatch, capsys):

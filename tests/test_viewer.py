@@ -1,11 +1,13 @@
 """The browser viewer: what its controls do, what a person records, and the page itself."""
 
+import contextlib
 import dataclasses
 import threading
 
 import browser
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ from crsfd_jax.learn import networks
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.report import video
-from crsfd_jax.viewer import hand, live, potential_map, serve
+from crsfd_jax.viewer import hand, live, panel, potential_map, serve
 
 OPTIONS = config.Config(seeds=2, seed=7, engine="native", sac=config.Sac(hidden=(8,)))
 SOURCE = live.Task("2", 0.0, 1.0)
@@ -41,7 +43,7 @@ def served(loaded):
     """A page with its server, and nothing that waits."""
     viser = pytest.importorskip("viser")
     pytest.importorskip("mjviser")
-    from crsfd_jax.viewer import drawing, panel, session
+    from crsfd_jax.viewer import drawing, session
 
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     drawn = drawing.make(server, loaded.scene, "2", potential_map.over_mouth(bump))
@@ -56,7 +58,7 @@ def page(served):
     controls = served.panel
     controls.by_hand.value = controls.paused.value = False
     controls.shape.value, controls.shift.value, controls.friction.value = SOURCE
-    controls.seed.value = "7"
+    controls.seed.value, controls.speed.value, controls.forces.value = "7", 1.0, True
     served.tape.forget()
     served.tape.is_running, served.message = False, ""
     controls.asked.put(("reset", None))
@@ -73,7 +75,7 @@ def step(page, count=1):
 
 def test_each_seed_has_its_own_policy(loaded):
     state = loaded.reset(SOURCE, jax.random.key(3))
-    actions = [np.asarray(loaded.act(row, state)) for row in range(2)]
+    actions = [np.asarray(loaded.act(loaded.actors, row, state)) for row in range(2)]
     assert actions[0].shape == (1, ACTION_SIZE) and not np.array_equal(*actions)
 
 
@@ -135,9 +137,12 @@ def test_friction_changes_without_a_fresh_episode(page):
 def test_the_seed_chooses_the_policy(page, monkeypatch):
     rows = []
     act = page.live.act
-    monkeypatch.setattr(
-        page, "live", page.live._replace(act=lambda row, state: rows.append(row) or act(row, state))
-    )
+
+    def noted(actors, row, state):
+        rows.append(row)
+        return act(actors, row, state)
+
+    monkeypatch.setattr(page, "live", page.live._replace(act=noted))
     step(page)
     page.panel.seed.value = "8"
     step(page)
@@ -151,7 +156,6 @@ def test_speed_is_the_time_that_a_step_is_given(page):
         page.panel.speed.value, slept = speed, []
         session.step(page, sleep=slept.append)
         assert len(slept) == session.FRAMES and 0.3 * expected <= sum(slept) <= expected + 1e-6
-    page.panel.speed.value = 1.0
 
 
 def test_an_episode_ends_at_the_horizon_and_is_counted(page):
@@ -160,18 +164,53 @@ def test_an_episode_ends_at_the_horizon_and_is_counted(page):
     assert (page.played, page.inserted) == (played + 1, inserted) and page.age == 1
 
 
+def forces_on_the_peg(page):
+    """[contacts, 3] N along the world's axes, of the contacts that push."""
+    model, data, found = page.drawing.arm.mj_model, page.drawing.data, []
+    for i, contact in enumerate(data.contact):
+        force = np.zeros(6)
+        mujoco.mj_contactForce(model, data, i, force)
+        is_first = model.geom_bodyid[contact.geom[0]] == model.body("peg").id
+        found.append(contact.frame.reshape(3, 3).T @ force[:3] * (-1 if is_first else 1))
+    return np.array([force for force in found if np.linalg.norm(force) > 0])
+
+
+def shown_arrows(page):
+    """Handles of what mjviser draws for contacts, without the heads of the arrows."""
+    handles = page.drawing.arm._decor_handles
+    return [
+        h
+        for (kind, _), h in handles.items()
+        if h.visible and kind >= int(mujoco.mjtGeom.mjGEOM_ARROW)
+    ]
+
+
+def matrix_of(wxyz):
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, np.asarray(wxyz, float))
+    return matrix.reshape(3, 3)
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
 def test_a_pressed_peg_shows_the_contact_forces(page):
     page.panel.by_hand.value = True
     step(page)
     page.drawing.goal.position = page.drawing.scene.nominal + np.array([0.03, 0.03, -0.01])
     step(page, 30)
-    assert page.drawing.data.ncon > 0
-    arrows = [handle for handle in page.drawing.arm._decor_handles.values() if handle.visible]
-    assert arrows and page.drawing.arm.show_contact_forces
+    forces, (shafts,) = forces_on_the_peg(page), shown_arrows(page)
+    assert len(forces) > 3 and sum(forces)[2] > 5
+    seen_length, head = 0.8, 0.2
+    lengths = shafts.batched_scales[:, 2] * (1 + head / seen_length)
+    np.testing.assert_allclose(lengths, np.linalg.norm(forces, axis=1) * 0.02, rtol=1e-3)
+    upwards = [matrix_of(wxyz)[2, 2] for wxyz in shafts.batched_wxyzs]
+    np.testing.assert_allclose(upwards, unit(forces)[:, 2], atol=1e-3)
+    assert page.drawing.peg.opacity < 1
     page.panel.forces.value = False
     step(page)
-    assert not page.drawing.arm.show_contact_forces
-    page.panel.forces.value = True
+    assert not shown_arrows(page) and page.drawing.peg.opacity == 1
 
 
 def test_the_potential_lies_where_its_poses_are():
@@ -243,10 +282,10 @@ def test_a_key_nudges_the_goal(page):
     page.panel.by_hand.value = True
     step(page)
     before = np.array(page.drawing.goal.position)
-    page.panel.asked.put(("move", (2, -1)))
+    page.panel.asked.put(("move", (2, -0.005)))
     page.panel.paused.value = True
     step(page)
-    np.testing.assert_allclose(page.drawing.goal.position - before, [0, 0, -hand.NUDGE], atol=1e-9)
+    np.testing.assert_allclose(page.drawing.goal.position - before, [0, 0, -0.005], atol=1e-9)
 
 
 def test_recording_is_refused_where_a_replay_could_not_follow():
@@ -311,24 +350,74 @@ def test_an_mp4_gives_its_frames_back(tmp_path):
 @pytest.mark.skipif(browser.find() is None, reason="no Chromium is installed")
 def test_a_browser_draws_the_scene_and_follows_its_controls(page, tmp_path):
     """The arm stands still, so that pictures differ by what a control changed only."""
-    page.panel.paused.value = True
+    page.panel.paused.value, page.panel.forces.value = True, False
+    with running(page), in_a_browser(page, tmp_path) as tab:
+        _follow(page, tab)
+
+
+@contextlib.contextmanager
+def running(page):
+    """What goes on behind the page, in a thread."""
+    from crsfd_jax.viewer import session
+
     stop = threading.Event()
 
     def run():
-        from crsfd_jax.viewer import session
-
         while not stop.is_set():
             session.step(page)
 
     thread = threading.Thread(target=run)
     thread.start()
     try:
-        url = f"http://127.0.0.1:{page.drawing.server.get_port()}"
-        with browser.opened(url, tmp_path, 900, 600) as tab:
-            _follow(page, tab)
+        yield
     finally:
         stop.set()
         thread.join()
+
+
+@contextlib.contextmanager
+def in_a_browser(page, folder):
+    url = f"http://127.0.0.1:{page.drawing.server.get_port()}"
+    with browser.opened(url, folder, 900, 600) as tab:
+        drawn = "!!document.querySelector('canvas')"
+        browser.wait_for(lambda: bool(tab.evaluate(drawn)), 60, "canvas")
+        yield tab
+
+
+@pytest.mark.skipif(browser.find() is None, reason="no Chromium is installed")
+def test_a_demonstration_is_recorded_with_the_keyboard_of_a_browser(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page.panel.speed.value, page.panel.file.value = 4.0, "by_hand.npz"
+    with running(page), in_a_browser(page, tmp_path / "profile") as tab:
+        browser.wait_for(lambda: tab.has_button("Start recording"), 60, "the panel")
+        tab.click("Start recording")
+        browser.wait_for(lambda: bool(page.tape.steps), 60, "recording")
+        goal = page.drawing.goal.position - page.drawing.scene.nominal
+        for axis, plus, minus in ((0, "I", "K"), (1, "J", "L")):
+            coarse, fine = divmod(round(abs(goal[axis]) / panel.FINE), 10)
+            key = plus if goal[axis] < 0 else minus
+            for is_fine in [False] * coarse + [True] * fine:
+                tab.press(key, is_fine)
+
+        def is_above(pose, tolerance):
+            return np.abs(pose[:2]).max() < tolerance and abs(pose[2] - goal[2]) < 1e-3
+
+        def moved():
+            return page.drawing.goal.position - page.drawing.scene.nominal
+
+        browser.wait_for(lambda: is_above(moved(), panel.FINE / 2 + 1e-6), 30, "the goal")
+        browser.wait_for(lambda: is_above(np.asarray(page.state.tip)[0], 1e-3), 60, "the peg")
+        for _ in range(30):
+            if not page.tape.episodes:
+                tab.press("O", False)
+        browser.wait_for(lambda: bool(page.tape.episodes), 60, "an episode")
+        tab.click("Stop recording")
+        browser.wait_for(lambda: not page.tape.is_running, 60, "stopped")
+        tab.click("Save")
+        browser.wait_for(lambda: "written to by_hand.npz" in tab.text(), 60, "what was saved")
+    demos = builtin.load("by_hand.npz")
+    assert dataset.episode_success(demos)[0]
+    assert replay.replay(demos, "native").success[0]
 
 
 def _follow(page, tab):
@@ -340,13 +429,10 @@ def _follow(page, tab):
         orange = (red > green * 1.3) & (green > blue * 1.2) & (red > 120)
         return np.mean(orange if colour == "orange" else (blue > red * 1.4)) > 0.002
 
-    browser.wait_for(lambda: bool(tab.evaluate("!!document.querySelector('canvas')")), 60, "canvas")
     browser.wait_for(lambda: has("orange") and has("blue"), 240, "an orange peg, a blue socket")
-    assert "shape" in tab.evaluate("document.body.innerText")
+    assert "shape" in tab.text()
     state = page.state
-    tab.evaluate(
-        "[...document.querySelectorAll('button')].find(b => b.innerText == 'Reset').click()"
-    )
+    tab.click("Reset")
     browser.wait_for(lambda: page.state is not state, 30, "Reset, clicked in the page")
     first = drawn()
     page.panel.shape.value = "1"

@@ -16,6 +16,8 @@ observation and action. Nothing is ever unpickled.
 """
 
 import dataclasses
+import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,7 +122,7 @@ def describe(demos: Demonstrations) -> str:
             f"shift {source.shift_m * 1e3:g} mm, control step {source.control_dt_s:g} s",
             f"episodes  {len(length)}, {success.sum()} successful, {length.min()} to "
             f"{length.max()} steps, {length.sum()} transitions",
-            f"obs       {', '.join(f'{name} [{unit}]' for name, unit in source.obs_layout)}",
+            f"obs       {len(source.obs_layout)} columns: {_columns(source.obs_layout)}",
             f"action    {len(source.action_scale)} columns, scale "
             f"{', '.join(f'{scale:g}' for scale in source.action_scale)}",
             f"expert    {source.expert}, success rate {source.expert_success_rate:g}, "
@@ -129,6 +131,13 @@ def describe(demos: Demonstrations) -> str:
             f"versions  {versions}",
         )
     )
+
+
+def _columns(layout: list[list[str]]) -> str:
+    """Each part of an observation once, not once for each of its columns."""
+    parts = Counter((re.sub(r"_\d+$", "", name), unit) for name, unit in layout)
+    lines = (f"{name} {count} [{unit}]" for (name, unit), count in parts.items())
+    return ",\n          ".join(lines)
 
 
 def _dtypes() -> dict[str, type]:

@@ -68,7 +68,7 @@ def train_expert(options: Record, report=lambda env_steps, success: None) -> Exp
     advance = chunk.make(learner, length)
     measure = jax.jit(evaluation.run, static_argnums=(0, 1, 4))
     success, step, actor = 0.0, 0, None
-    while step * run.envs < run.steps and success < options.enough:
+    while actor is None or (step * run.envs < run.steps and success < options.enough):
         states, _ = advance(states, jnp.int32(step))
         step += length
         actor = jax.tree.map(lambda leaf: leaf[0], states.agent.actor)

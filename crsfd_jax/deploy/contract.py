@@ -1,5 +1,6 @@
 """policy.json: all that a robot's control loop must know of a policy, besides its weights."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from crsfd_jax import artefacts, task
 from crsfd_jax.env import SETPOINT_HIGH, SETPOINT_LOW, SUCCESS_DEPTH, rest_posture
 from crsfd_jax.observation import ACTION_SIZE, CLIP, OBS_SIZE, OBSERVATION
 from crsfd_jax.physics.interface import CONTROL_DT
+from crsfd_jax.randomisation import Randomisation
 from crsfd_jax.scene.build import Scene
 from crsfd_jax.scene.kinematics import chain
 from crsfd_jax.trained import Chosen, Trained
@@ -48,6 +50,7 @@ def describe(trained: Trained, chosen: Chosen, file: str) -> dict[str, Any]:
             "horizon": config.mdp.horizon,
             "success_depth": round(SUCCESS_DEPTH, 9),
         },
+        "randomisation": _randomisation(config.randomisation),
         "trained": {
             "algorithm": config.algorithm,
             "seed": config.seed + chosen.index,
@@ -94,6 +97,16 @@ def _frames(scene: Scene) -> dict[str, Any]:
         "tip": "middle of the peg's end; its axes are the socket's when the hand points down",
         "tip_in_hand": _numbers(peg.pos),
         "tip_in_hand_wxyz": _numbers(peg.quat),
+    }
+
+
+def _randomisation(drawn: Randomisation) -> dict[str, Any]:
+    return {
+        "formula": "drawn anew for every episode of training; with factors 1 and zeros, nothing is",
+        "unit": "friction, stiffness, damping: factors, low high; delay: share of episodes whose "
+        "actions come one step late; encoder_offset: rad, low high; position_noise: m, "
+        "rotation_noise: rad, standard deviations of a reading",
+        **dataclasses.asdict(drawn),
     }
 
 

@@ -16,7 +16,7 @@ from crsfd_jax.report.statistics import final
 
 # What a run is told apart by, or what says nothing about what is learned.
 _ASIDE = {"algorithm", "shape", "shift", "seed", "seeds", "steps", "out", "target", "log"}
-_ASIDE |= {"replay.capacity"}
+_ASIDE |= {"clips", "replay.capacity"}
 _TASK = ("scene.", "mdp.", "randomisation.")
 """Options that define the task, besides shape and shift."""
 

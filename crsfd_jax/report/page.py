@@ -17,7 +17,8 @@ from crsfd_jax.report.summary import LEVEL
 from crsfd_jax.report.transfer import Transfer
 
 FILE = "report.html"
-MAX_CLIP_BYTES = 8 * 2**20
+MAX_FILM_BYTES = 16 * 2**20
+"""Of all films in a page."""
 _SHOWN = 4
 """Comparisons of a claim that are not folded away."""
 _TITLE = "Insertion from demonstrations of another task"
@@ -87,7 +88,7 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
             _claims(report.claims),
             _transfers(report.transfers),
             _potential(folder, value_map),
-            _clips(report.cells),
+            _films(report.cells),
             _origin(report),
             _gaps(report),
             html.section("How the numbers are made", html.bullets(_NOTES)),
@@ -187,17 +188,19 @@ def _potential(folder: Path, value_map: Callable[[Path], str]) -> str:
     return html.section("Potential", html.media(path, caption))
 
 
-def _clips(cells: Sequence[Cell]) -> str:
-    shown, large = [], []
-    for cell in cells:
-        for run in cell.runs:
-            if run.clip is None:
-                continue
-            if run.clip.stat().st_size > MAX_CLIP_BYTES:
-                large.append(f"{run.clip} is too large for this page")
-            else:
-                shown.append(html.media(run.clip, f"{cell.task}: {tables.name(cell)}"))
-    if not shown and not large:
+def _films(cells: Sequence[Cell]) -> str:
+    found = [(cell, path) for cell in cells for run in cell.runs for path in run.films]
+    shown, large, left = [], [], MAX_FILM_BYTES
+    for cell, path in found:
+        size = path.stat().st_size
+        if size > left:
+            large.append(f"{path}: no room for it in this page")
+            continue
+        left -= size
+        is_clip = path.parent.name == runs.CLIPS and path.stem.isdecimal()
+        age = f", {int(path.stem):,} steps" if is_clip else ""
+        shown.append(html.media(path, f"{cell.task}: {tables.name(cell)}{age}"))
+    if not found:
         return ""
     films = f'<div class="clips">{"".join(shown)}</div>'
     return html.section("Policies at work", films, html.bullets(large) if large else "")

@@ -15,7 +15,9 @@ from crsfd_jax.option_names import by_full_name
 from crsfd_jax.report.curves import Curve, curve
 
 SUCCESS = "eval/success_rate"
-CLIPS = (".gif", ".mp4", ".webm")
+CLIPS = "clips"
+"""Folder in that of a run, with a film STEPS.gif for each evaluation."""
+_FILMS = (".gif", ".mp4", ".webm")
 _NEEDED = {"shape": str, "shift": (int, float), "algorithm": str, "steps": int}
 _FOREIGN = ("checkpoints", "report", "__pycache__")
 """Folders in which no run is looked for."""
@@ -36,8 +38,9 @@ class Run(NamedTuple):
     """[S] seeds of the columns of `curve`, ascending."""
     wall_s: float
     """Time spent in it; NaN if its metrics do not say."""
-    clip: Path | None
-    """Newest film of its policy."""
+    films: tuple[Path, ...]
+    """Of its policy: of the clips of its evaluations the first, the middle and the last, then the
+    newest of what else was filmed."""
 
 
 class Found(NamedTuple):
@@ -111,7 +114,6 @@ def _is_metrics(table: Path) -> bool:
 
 def _run(name: str, table: Path, manifest: dict, columns: Mapping[str, np.ndarray]) -> Run:
     wall = columns.get("time/wall_s", np.array([np.nan]))
-    clips = [path for path in table.parent.rglob("*") if path.suffix in CLIPS]
     return Run(
         name=name,
         options=by_full_name(to_dict(Config())) | _hashable(by_full_name(manifest["config"])),
@@ -119,10 +121,17 @@ def _run(name: str, table: Path, manifest: dict, columns: Mapping[str, np.ndarra
         curve=curve(columns, SUCCESS),
         seeds=np.unique(columns["seed"]),
         wall_s=float(wall.max()),
-        clip=max(clips, key=lambda path: path.stat().st_mtime, default=None)
-        if table.name == "metrics.csv"
-        else None,
+        films=_films(table.parent) if table.name == "metrics.csv" else (),
     )
+
+
+def _films(folder: Path) -> tuple[Path, ...]:
+    clips = [path for path in (folder / CLIPS).glob("*.gif") if path.stem.isdecimal()]
+    clips.sort(key=lambda path: int(path.stem))
+    chosen = dict.fromkeys(clips[i] for i in (0, len(clips) // 2, -1)) if clips else {}
+    others = [path for path in folder.rglob("*") if path.suffix in _FILMS and path not in clips]
+    newest = sorted(others, key=lambda path: path.stat().st_mtime)[-1:]
+    return (*chosen, *newest)
 
 
 def _read_manifest(path: Path) -> dict[str, Any]:

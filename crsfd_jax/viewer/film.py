@@ -1,6 +1,8 @@
 """Episodes of a trained policy as frames, drawn off screen."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import mujoco
@@ -13,12 +15,24 @@ from crsfd_jax.report import picture, video
 from crsfd_jax.scene.build import model_of
 from crsfd_jax.viewer import live, pose
 
-WIDTH, HEIGHT = 640, 480
 CAMERA = "close"
-FRAMES = 2
-"""Pictures in a control step."""
-_REST = 10
-"""Frames for which the end of an episode stays in view."""
+
+
+class Look(NamedTuple):
+    """How large and how smooth a film is."""
+
+    width: int
+    height: int
+    per_step: int
+    """Pictures in a control step."""
+    rest: int
+    """Frames for which the end of an episode stays in view."""
+    shadow: int
+    """Side of the shadow's map in pixels; without a graphics card it takes most of the time."""
+
+
+LARGE = Look(640, 480, 2, 10, 4096)
+SMALL = Look(240, 180, 1, 5, 1024)
 
 
 def make(run: str, shape: str | None, shift: float | None, episodes: int, path: Path) -> str:
@@ -31,31 +45,50 @@ def make(run: str, shape: str | None, shift: float | None, episodes: int, path: 
     compile_cache.enable()
     loaded = live.load(run)
     wanted = live.task_of(loaded, shape, shift)
-    frames, inserted = record(loaded, wanted, episodes, jax.random.key(loaded.config.seed))
+    key = jax.random.key(loaded.config.seed)
+    frames, inserted = record(loaded, wanted, episodes, key, LARGE)
     try:
-        video.write(path, frames, CONTROL_DT / FRAMES)
+        video.write(path, frames, CONTROL_DT / LARGE.per_step)
     except OSError as error:
         raise UserError(f"--video: {path} cannot be written: {error.strerror}") from error
     return f"wrote {path}: {inserted} of {episodes} episodes inserted"
 
 
 def record(
-    loaded: live.Live, wanted: live.Task, episodes: int, key: jax.Array
+    loaded: live.Live, wanted: live.Task, episodes: int, key: jax.Array, look: Look
 ) -> tuple[list[np.ndarray], int]:
-    """Frames, uint8 [HEIGHT, WIDTH, 3] each, and how many episodes ended inserted."""
+    """Plays the policy of the first seed.
+
+    Returns:
+      Frames, uint8 [height, width, 3] each, and how many episodes ended inserted.
+
+    Raises:
+      UserError: no OpenGL works on this machine.
+    """
     model = model_of(loaded.scene, loaded.scene.shapes.index(wanted.shape), wanted.friction)
+    model.vis.quality.shadowsize = look.shadow
     data, frames, inserted = mujoco.MjData(model), [], 0
-    with picture.camera_of(model, CAMERA, WIDTH, HEIGHT) as draw:
+    with picture.camera_of(model, CAMERA, look.width, look.height) as draw:
         for episode_key in jax.random.split(key, episodes):
-            state, is_inserted = loaded.reset(wanted, episode_key), False
-            for _ in range(loaded.config.mdp.horizon):
-                taken = loaded.advance(state, loaded.act(0, state))
-                for at in pose.between(state, taken.state, taken.setpoint, FRAMES):
+            for taken, poses in _episode(loaded, wanted, episode_key, look.per_step):
+                for at in poses:
                     pose.put(model, data, at, loaded.scene.nominal)
                     frames.append(draw(data))
-                state, is_inserted = taken.state, bool(taken.outcome.terminated[0])
-                if is_inserted:
-                    break
-            inserted += is_inserted
-            frames += frames[-1:] * _REST
+                inserted += bool(taken.outcome.terminated[0])
+            frames += frames[-1:] * look.rest
     return frames, inserted
+
+
+def _episode(
+    loaded: live.Live, wanted: live.Task, key: jax.Array, per_step: int
+) -> Iterator[tuple[live.Step, Iterator[pose.Pose]]]:
+    """The steps of an episode until it is over or breaks down, and the way of the arm in each."""
+    state = loaded.reset(wanted, key)
+    for _ in range(loaded.config.mdp.horizon):
+        taken = loaded.advance(state, loaded.act(loaded.actors, 0, state))
+        if not taken.outcome.finite[0]:
+            return
+        yield taken, pose.between(state, taken.state, taken.setpoint, per_step)
+        if taken.outcome.terminated[0]:
+            return
+        state = taken.state

@@ -14,8 +14,6 @@ from crsfd_jax.randomisation import Randomisation
 
 LONGEST = 600
 """Control steps, a minute: an episode by hand that takes longer is truncated."""
-NUDGE = 0.005
-"""m, that a key moves the goal."""
 
 
 class Taken(NamedTuple):

@@ -45,12 +45,14 @@ class Live(NamedTuple):
 
     scene: Scene
     config: config.Config
+    actors: Any
+    """Actor parameters of all seeds, [S, ...] each."""
     reset: Callable[[Task, jax.Array], EnvState]
     """(task, key) -> a fresh episode."""
     change_friction: Callable[[EnvState, float], EnvState]
     """The episode goes on under another friction."""
-    act: Callable[[int, EnvState], jax.Array]
-    """(row of the seed, state) -> action [1, 6] of the deterministic policy."""
+    act: Callable[[Any, int, EnvState], jax.Array]
+    """(actors, row of the seed, state) -> action [1, 6] of the deterministic policy."""
     advance: Callable[[EnvState, jax.Array], Step]
     """No episode is truncated: how long it may take is the caller's choice."""
 
@@ -90,7 +92,6 @@ def make(options: config.Config, actors: Any) -> Live:
     world = task.make_env(dataclasses.replace(options, engine=_ENGINE, mdp=endless))
     _, scene = task.engine(_ENGINE, options.scene, task.shapes_known(options))
     nets = networks.make_networks(options.sac, ACTION_SIZE)
-    mode = jax.jit(lambda actor, obs: networks.mode_action(nets.actor, actor, obs))
     advance = jax.jit(world.advance)
     setpoint = jax.jit(lambda tip, action: env.setpoint(options.mdp, tip, action))
 
@@ -107,11 +108,13 @@ def make(options: config.Config, actors: Any) -> Live:
         )
         return change_friction(state.replace(around=around), wanted.friction)
 
-    def act(seed: int, state: EnvState) -> jax.Array:
-        return mode(jax.tree.map(lambda leaf: leaf[seed], actors), state.obs)
+    @jax.jit
+    def act(actors: Any, row: int, state: EnvState) -> jax.Array:
+        actor = jax.tree.map(lambda leaf: leaf[row], actors)
+        return networks.mode_action(nets.actor, actor, state.obs)
 
     def step(state: EnvState, action: jax.Array) -> Step:
         after, outcome = advance(state, action)
         return Step(after, outcome, np.asarray(setpoint(state.tip, action))[0])
 
-    return Live(scene, options, reset, change_friction, act, step)
+    return Live(scene, options, actors, reset, change_friction, act, step)

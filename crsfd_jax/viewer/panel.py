@@ -8,16 +8,19 @@ from crsfd_jax.viewer.live import Live, Task
 
 LARGEST_SHIFT = 20.0
 KEYS = {
-    "arrowup": (0, 1, "+x, away from the arm"),
-    "arrowdown": (0, -1, "-x"),
-    "arrowleft": (1, 1, "+y"),
-    "arrowright": (1, -1, "-y"),
-    "pageup": (2, 1, "up"),
-    "pagedown": (2, -1, "down"),
+    "I": (0, 1, "+x, away from the arm"),
+    "K": (0, -1, "-x"),
+    "J": (1, 1, "+y"),
+    "L": (1, -1, "-y"),
+    "U": (2, 1, "up"),
+    "O": (2, -1, "down"),
 }
-"""Key -> axis, direction and what it does to the goal of a person's hand."""
-_HELP = """Drag the arrows at the peg's tip, or press a key (5 mm each): arrow keys in the plane,
-**page up** and **page down** vertically. The arm follows at 10 Hz, at most 1 cm a step."""
+"""Key -> axis, direction and what it does to the goal by hand; other keys move the camera."""
+COARSE, FINE = 5e-3, 5e-4
+"""m, of a key alone and with shift; the clearance of the parts is 1 mm."""
+_HELP = """Drag the arrows at the peg's tip, or press a key: **I** +x, away from the arm, **K** -x,
+**J** +y, **L** -y, **U** up, **O** down; 5 mm each, with **shift** 0.5 mm. The arm follows at
+10 Hz, at most 1 cm a step."""
 
 
 class Panel(NamedTuple):
@@ -92,5 +95,8 @@ def _listen(gui: Any, panel: Panel) -> None:
     for name in ("reset", "recording", "save"):
         getattr(panel, name).on_click(lambda _, name=name: panel.asked.put((name, None)))
     for key, (axis, sign, meaning) in KEYS.items():
-        command = gui.add_command(f"goal: {meaning}", hotkey=key)
-        command.on_trigger(lambda _, move=(axis, sign): panel.asked.put(("move", move)))
+        for modifier, length in ((None, COARSE), ("shift", FINE)):
+            label = f"goal: {meaning} by {length * 1e3:g} mm"
+            command = gui.add_command(label, hotkey=key, modifier=modifier)
+            move = (axis, sign * length)
+            command.on_trigger(lambda _, move=move: panel.asked.put(("move", move)))

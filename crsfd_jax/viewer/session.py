@@ -91,7 +91,7 @@ def _apply_task(session: Session) -> None:
 def _apply_show(session: Session) -> None:
     controls, drawn = session.panel, session.drawing
     drawn.potential.visible = controls.potential.value
-    drawn.arm.show_contact_forces = controls.forces.value
+    drawing.show_forces(drawn, controls.forces.value)
     drawn.goal.visible = by_hand = controls.by_hand.value
     if by_hand and not session.was_by_hand:
         _take_up_goal(session)
@@ -103,7 +103,7 @@ def _action(session: Session) -> Any:
         tip = np.asarray(session.state.tip)[0]
         return hand.action_towards(session.live.config.mdp, tip, _goal(session))
     row = int(session.panel.seed.value) - session.live.config.seed
-    return session.live.act(row, session.state)
+    return session.live.act(session.live.actors, row, session.state)
 
 
 def _goal(session: Session) -> np.ndarray:
@@ -192,10 +192,10 @@ def _on_save(session: Session, _: Any) -> None:
     _report(session)
 
 
-def _on_move(session: Session, move: tuple[int, int]) -> None:
-    axis, sign = move
+def _on_move(session: Session, move: tuple[int, float]) -> None:
+    axis, metres = move
     position = np.array(session.drawing.goal.position, float)
-    position[axis] += sign * hand.NUDGE
+    position[axis] += metres
     session.drawing.goal.position = position
 
 
