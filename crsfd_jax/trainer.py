@@ -18,6 +18,7 @@ from crsfd_jax import (
     checkpoints,
     device,
     divergence,
+    limits_met,
     loggers,
     metrics,
     outcome,
@@ -107,6 +108,9 @@ def run(config: Config, program: Program, folder: artefacts.RunFolder, interrupt
         return STOPPED
     curves.plot({config.algorithm: folder.metrics}, folder.curves)
     say(f"curves    {folder.curves}")
+    met = limits_met.words(metrics.read(folder.metrics))
+    if met:
+        say(f"limits    {met}")
     came_to = outcome.judge(config, at.success, at.diverged, at.wall_s)
     say(came_to.line)
     return came_to.code

@@ -11,8 +11,8 @@ PACKAGE = "crsfd_jax"
 ORDER = tuple(
     """
     errors extras units types files option_names limits shapes option_types randomisation config
-    validation cli keywords interrupt compile_cache progress leaves npz metrics loggers policy
-    artefacts array_store checkpoints divergence
+    validation cli keywords interrupt compile_cache progress leaves npz metrics limits_met loggers
+    policy artefacts array_store checkpoints divergence
     sweeps
     scene.digits scene.build scene.kinematics
     physics.interface physics.host_call physics.native physics.mjx physics.select

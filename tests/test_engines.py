@@ -320,7 +320,7 @@ def test_warp_is_refused_with_its_cure_where_it_is_not_installed():
 @pytest.mark.skipif(importlib.util.find_spec("warp") is None, reason="warp is not installed")
 def test_warp_agrees_with_native(scene, roll, native_roll, mixed):
     warp = mjx.make(scene, impl="warp")
-    rolled = roll(warp._replace(step=jax.jit(warp.step)), *mixed)
+    rolled = roll(warp._replace(advance=jax.jit(warp.advance)), *mixed)
     moved, turned = apart(native_roll.tips[-1], rolled.tips[-1])
     assert np.median(moved) < 5e-5 and np.median(turned) < 5e-4
     assert moved[SITUATION == FREE].max() < 5e-6
