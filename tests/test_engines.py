@@ -271,8 +271,7 @@ def elsewhere(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.usefixtures("elsewhere")
-def test_an_engine_recovers_from_a_broken_simulation(native_engine, mixed):
+def test_an_engine_recovers_from_a_broken_simulation(native_engine, mixed, elsewhere):
     state, surroundings, action = mixed
     target = jnp.asarray(action, jnp.float32) * 0.01
     before = native_engine.step(state, surroundings, target)
@@ -281,6 +280,7 @@ def test_an_engine_recovers_from_a_broken_simulation(native_engine, mixed):
         after = native_engine.step(state, surroundings, target)
         for a, b in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
             np.testing.assert_array_equal(a, b)
+    assert not list(elsewhere.iterdir())
 
 
 def test_mujoco_never_sees_a_state_that_is_already_broken(native_engine, mixed, elsewhere):

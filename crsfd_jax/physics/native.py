@@ -19,7 +19,13 @@ _NUMBER = 1
 
 
 def make(scene: Scene) -> Engine:
-    """The C engine on the host; leading axes of a vmap become more simulations."""
+    """The C engine on the host; leading axes of a vmap become more simulations.
+
+    MuJoCo's warnings are silenced where nobody hears them: it would write them to a file in the
+    working folder.
+    """
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(lambda _: None)
     simulate = functools.partial(_simulate, scene, {})
     name = f"mujoco_{_digest(scene)}"
 
