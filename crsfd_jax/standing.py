@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from crsfd_jax import limits_met
+from crsfd_jax import troubles
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 
@@ -65,7 +65,7 @@ def rows(config: Config, at: Standing, lengths: Sequence[float]) -> list[dict[st
         sums = {name: values[i] for name, values in at.sums.items()}
         episodes, successes = sums.pop("episodes", 0.0), sums.pop("successes", 0.0)
         nonfinite = sums.pop("nonfinite", 0.0)
-        limits = {name: sums.pop(name.removeprefix("env/"), math.nan) for name in limits_met.COUNTS}
+        limits = {name: sums.pop(name.removeprefix("env/"), math.nan) for name in troubles.LIMITS}
         made.append(
             {
                 "env_steps": env_steps,

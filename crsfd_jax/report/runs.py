@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from crsfd_jax import metrics
+from crsfd_jax import metrics, troubles
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
 from crsfd_jax.option_names import by_full_name
@@ -36,6 +36,8 @@ class Run(NamedTuple):
     """[S] seeds of the columns of `curve`, ascending."""
     wall_s: float
     """Time spent in it; NaN if its metrics do not say."""
+    troubles: list[str]
+    """Seeds that diverged, simulations that broke down or met limits; a line each."""
     clip: Path | None
     """Newest film of its policy."""
 
@@ -119,6 +121,7 @@ def _run(name: str, table: Path, manifest: dict, columns: Mapping[str, np.ndarra
         curve=curve(columns, SUCCESS),
         seeds=np.unique(columns["seed"]),
         wall_s=float(wall.max()),
+        troubles=[*troubles.diverged(columns), *filter(None, [troubles.words(columns)])],
         clip=max(clips, key=lambda path: path.stat().st_mtime, default=None)
         if table.name == "metrics.csv"
         else None,

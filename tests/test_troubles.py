@@ -7,7 +7,7 @@ import numpy as np
 import probe_env
 import pytest
 
-from crsfd_jax import algorithms, chunk, config, limits_met, train_step
+from crsfd_jax import algorithms, chunk, config, train_step, troubles
 from crsfd_jax.physics import native
 from crsfd_jax.scene import build
 
@@ -114,15 +114,26 @@ def table(contacts, solver):
     }
 
 
-def test_what_was_met_is_said_with_its_share_and_nothing_where_nothing_was():
-    assert limits_met.words(table([1, 0, 0, 2], [0, 0, 0, 40])) == (
+def test_what_was_met_is_said_and_nothing_where_nothing_was():
+    assert troubles.words(table([1, 0, 0, 2], [0, 0, 0, 40])) == (
         "contacts filled their room in 3, the solver used up its iterations in 40 "
         "of 2,000 control steps"
     )
     unknown = [np.nan] * 4
-    assert limits_met.words(table([1200, 0, 0, 0], unknown)) == (
+    assert troubles.words(table([1200, 0, 0, 0], unknown)) == (
         "contacts filled their room in 1,200 of 2,000 control steps"
     )
-    assert limits_met.words(table([0] * 4, unknown)) == ""
+    assert troubles.words(table([0] * 4, unknown)) == ""
+    broken = table([0] * 4, unknown) | {"env/nonfinite": np.array([0, 0, 1, 0])}
+    assert troubles.words(broken) == "the simulation broke down in 1 of 2,000 control steps"
     older = {name: table([0] * 4, unknown)[name] for name in ("env_steps", "seed")}
-    assert limits_met.words(older) == ""
+    assert troubles.words(older) == ""
+
+
+def test_each_seed_that_diverged_is_named_with_its_first_such_step():
+    rows = table([0] * 4, [0] * 4)
+    assert troubles.diverged(rows) == []
+    assert troubles.diverged(rows | {"train/diverged": np.array([0, 1, 1, 1])}) == [
+        "seed 7 diverged at 1,000 steps",
+        "seed 8 diverged at 500 steps",
+    ]
