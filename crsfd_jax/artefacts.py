@@ -211,10 +211,10 @@ def _refuse_other_run(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]
         if name != "steps" or after[name] < before[name]
     ]
     if changed:
+        free = ", ".join(f"--{name}" for name in MAY_CHANGE if name != "out")
         raise UserError(
             f"{path.parent}: holds a run with other options: {', '.join(changed)}; use its "
-            "options (--steps may grow, --engine, --target, --log and --clips may change) or "
-            "another --out"
+            f"options (--steps may grow; {free} may change) or another --out"
         )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from crsfd_jax import config, sensing
 from crsfd_jax.observation import ACTION_SIZE, CLIP, SCALE
-from crsfd_jax.physics.interface import Engine, PhysicsState, Surroundings
+from crsfd_jax.physics.interface import Engine, Limits, PhysicsState, Surroundings
 from crsfd_jax.scene import randomize
 from crsfd_jax.scene.build import Scene
 from crsfd_jax.scene.digits import HOLE_DEPTH
@@ -65,6 +65,8 @@ class Outcome:
     """False where the simulation broke down: the episode ends and must not be stored."""
     tip: jax.Array
     """[N, 6] where the step left the tip, whatever the arm measures."""
+    limits: Limits = Limits()
+    """What the engine met."""
 
 
 Reward = Callable[[jax.Array, Surroundings, jax.Array], jax.Array]
@@ -115,7 +117,7 @@ def make(
         around, age = state.around, state.age + 1
         target = setpoint(mdp, state.tip, taken(state, action))
         command = sensing.commanded(links, state.physics, around, target)
-        physics = engine.step(state.physics, around, command)
+        physics, limits = engine.advance(state.physics, around, command)
         read, noise = sensing.believed(physics, around), sensing.noise(around, age, deviation)
         error = target[..., :3] - tip_pose(links, read.qpos)[0]
         measured, next_obs = observe(links, rest, read, error, noise)
@@ -130,6 +132,7 @@ def make(
             truncated=truncated,
             finite=finite,
             tip=tip,
+            limits=limits,
         )
         queued = None if state.last_action is None else action
         after = EnvState(
@@ -148,7 +151,7 @@ def make(
 def rest_posture(links: Chain) -> jax.Array:
     """[7] rad, joint angles with the tip in the middle of the start cube."""
     middle = jnp.array([[0.0, 0.0, randomize.START_HEIGHT + randomize.START_HALF_WIDTH]])
-    return inverse_kinematics(links, middle, jnp.zeros((1, 3)))[0][0]
+    return jax.jit(inverse_kinematics)(links, middle, jnp.zeros((1, 3)))[0][0]
 
 
 def taken(state: EnvState, action: jax.Array) -> jax.Array:

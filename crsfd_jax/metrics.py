@@ -17,27 +17,34 @@ WALL_CLOCK_COLUMNS = ("time/wall_s", "time/env_steps_per_second")
 
 
 def append(path: Path, rows: Sequence[Mapping[str, float]]) -> None:
-    """Adds rows and returns when they are on disk; the first rows fix the header.
+    """Adds rows and returns when they are on disk; the first rows fix the order of columns.
+
+    Older rows have NaN in a column that is younger than they.
 
     Args:
       rows: column -> number, `env_steps` and `seed` among them.
 
     Raises:
-      UserError: the columns differ from the header of the file.
+      UserError: a column of the file is missing, or the rows have different ones.
       OSError: the file cannot be written.
     """
     if not rows:
         return
     present = _read_lines(path)
     others = [column for column in rows[0] if column not in KEY_COLUMNS]
-    header = present[0] if present else [*KEY_COLUMNS, *others]
+    old = present[0] if present else [*KEY_COLUMNS, *others]
+    younger = [column for column in others if column not in old]
+    header = [*old, *younger]
     for row in rows:
         if set(row) != set(header):
             odd = ", ".join(sorted(set(row) ^ set(header)))
             raise UserError(
-                f"{path}: columns {odd} are only in the file or only in this version; continue the "
-                "run with the program version that wrote it, or start again with another --out"
+                f"{path}: columns {odd} are only in the file; continue the run with the program "
+                "version that wrote it, or start again with another --out"
             )
+    if present and younger:
+        grown = [header, *([*line, *["nan"] * len(younger)] for line in present[1:])]
+        write_atomically(path, lambda stream: stream.write(_to_text(grown).encode()))
     lines = [] if present else [header]
     lines += [[_show(row[column]) for column in header] for row in rows]
     with path.open("a", newline="", encoding="utf-8") as stream:

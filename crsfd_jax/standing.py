@@ -1,12 +1,14 @@
 """Where a run stands besides its states: counters, sums, and the rows they become."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
+from crsfd_jax import troubles
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 
@@ -63,6 +65,7 @@ def rows(config: Config, at: Standing, lengths: Sequence[float]) -> list[dict[st
         sums = {name: values[i] for name, values in at.sums.items()}
         episodes, successes = sums.pop("episodes", 0.0), sums.pop("successes", 0.0)
         nonfinite = sums.pop("nonfinite", 0.0)
+        limits = {name: sums.pop(name.removeprefix("env/"), math.nan) for name in troubles.LIMITS}
         made.append(
             {
                 "env_steps": env_steps,
@@ -74,6 +77,7 @@ def rows(config: Config, at: Standing, lengths: Sequence[float]) -> list[dict[st
                 "train/episodes": episodes,
                 "train/diverged": float(str(config.seed + i) in at.diverged),
                 "env/nonfinite": nonfinite,
+                **limits,
                 **{f"train/{name}": value / at.chunks for name, value in sums.items()},
                 "time/wall_s": at.wall_s,
                 "time/env_steps_per_second": env_steps * config.seeds / max(at.wall_s, 1e-9),

@@ -135,8 +135,11 @@ def _learn(nets, method, config, state, step, key):
 
 
 def _tally(outcome: Outcome) -> dict[str, jax.Array]:
-    return {
-        "episodes": jnp.sum(outcome.terminated | outcome.truncated),
-        "successes": jnp.sum(outcome.terminated),
-        "nonfinite": jnp.sum(~outcome.finite),
+    happened = {
+        "episodes": outcome.terminated | outcome.truncated,
+        "successes": outcome.terminated,
+        "nonfinite": ~outcome.finite,
+        "contact_limit": outcome.limits.contacts,
+        "solver_limit": outcome.limits.solver,
     }
+    return {name: jnp.sum(each) for name, each in happened.items() if each is not None}

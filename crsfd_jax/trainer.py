@@ -25,6 +25,7 @@ from crsfd_jax import (
     policy,
     spread,
     standing,
+    troubles,
 )
 from crsfd_jax.config import Config
 from crsfd_jax.demos.dataset import Demonstrations
@@ -110,6 +111,9 @@ def run(config: Config, program: Program, folder: artefacts.RunFolder, interrupt
         return STOPPED
     curves.plot({config.algorithm: folder.metrics}, folder.curves)
     say(f"curves    {folder.curves}")
+    met = troubles.words(metrics.read(folder.metrics))
+    if met:
+        say(f"physics   {met}")
     came_to = outcome.judge(config, at.success, at.diverged, at.wall_s)
     say(came_to.line)
     return came_to.code

@@ -36,14 +36,14 @@ def links(scene) -> kinematics.Chain:
 @pytest.fixture(scope="session")
 def native_engine(scene) -> Engine:
     engine = native.make(scene)
-    return engine._replace(step=jax.jit(engine.step))
+    return engine._replace(advance=jax.jit(engine.advance))
 
 
 @pytest.fixture(scope="session")
 def mjx_engine(scene) -> Engine:
     """Every new batch size compiles for most of a minute: tests use 60."""
     engine = mjx.make(scene)
-    return engine._replace(step=jax.jit(engine.step))
+    return engine._replace(advance=jax.jit(engine.advance))
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 """Runs the trainer under a fault: `python fault_driver.py FAULT N OPTION...`.
 
 kill N    kill -9 at the N-th operation on a file
+save1 N   kill -9 N microseconds after the first checkpoint began to be written; save2: the second
 full N    the disk is full from the N-th operation on a file on
 clock N   the wall clock goes back by N seconds each time that it is read
 none 0    no fault
@@ -12,11 +13,14 @@ import itertools
 import os
 import signal
 import sys
+import threading
 import time
 
-from crsfd_jax import cli, train
+from crsfd_jax import cli, free_space, train
 
 OPERATIONS = ("fsync", "rename", "replace", "unlink", "rmdir", "mkdir")
+
+free_space._POOL = 256  # Solving for all of the states takes longer than such a small run.
 
 
 def watched(operation, number, fault):
@@ -31,6 +35,22 @@ def watch(fault):
     number = itertools.count(1)
     for name in OPERATIONS:
         setattr(os, name, watched(getattr(os, name), number, fault))
+
+
+def kill_in_save(which, microseconds):
+    """A checkpoint is written to a temporary folder, which is renamed once it is complete."""
+    saves, mkdir = itertools.count(1), os.mkdir
+
+    def act(path, *args, **options):
+        mkdir(path, *args, **options)
+        if str(path).endswith(".orbax-checkpoint-tmp") and next(saves) == which:
+            threading.Timer(microseconds / 1e6, kill_now).start()
+
+    os.mkdir = act
+
+
+def kill_now():
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def set_clock_back(seconds):
@@ -50,7 +70,7 @@ def set_clock_back(seconds):
 def inflict(name: str, n: int) -> None:
     def kill(number):
         if number == n:
-            os.kill(os.getpid(), signal.SIGKILL)
+            kill_now()
 
     def full(number):
         if number >= n:
@@ -58,6 +78,8 @@ def inflict(name: str, n: int) -> None:
 
     if name == "clock":
         set_clock_back(n)
+    elif name.startswith("save"):
+        kill_in_save(int(name.removeprefix("save")), n)
     elif name != "none":
         watch({"kill": kill, "full": full}[name])
 

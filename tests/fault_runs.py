@@ -67,9 +67,8 @@ def free_of_damage(folder: Path) -> bool:
 
 
 def was_saving(folder: Path) -> bool:
-    """Whether a process that was killed left a checkpoint that was being written or deleted."""
-    names = [entry.name for entry in (folder / "checkpoints").glob("*")]
-    return any("orbax-checkpoint-tmp" in name or "trash" in name for name in names)
+    """Whether a process that was killed left a checkpoint that was being written."""
+    return any((folder / "checkpoints").glob("*.orbax-checkpoint-tmp"))
 
 
 def assert_same(folder: Path, whole: Path) -> None:

@@ -8,7 +8,7 @@ from crsfd_jax.config import Config, Evaluation, Replay, Sac
 from crsfd_jax.demos.record import no_demonstrations
 from crsfd_jax.env import Env, EnvState, Outcome
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
-from crsfd_jax.physics.interface import PhysicsState, Surroundings
+from crsfd_jax.physics.interface import Limits, PhysicsState, Surroundings
 from crsfd_jax.types import Transition
 
 HORIZON = 8
@@ -31,6 +31,7 @@ def config(**changes) -> Config:
 def make(breaks_at: float = jnp.inf) -> Env:
     """The first action, if positive, is rewarded and ends the episode.
 
+    Insertions count as met limits of the solver, time limits as those of contacts.
     The first entry of an observation counts steps; an environment whose second entry, drawn
     at reset from [0, 1], is above `breaks_at` returns a non-finite state.
     """
@@ -65,6 +66,7 @@ def make(breaks_at: float = jnp.inf) -> Env:
             truncated=truncated,
             finite=finite,
             tip=state.tip,
+            limits=Limits(contacts=truncated, solver=terminated),
         )
         return state.replace(obs=next_obs, age=age), outcome
 

@@ -11,8 +11,8 @@ PACKAGE = "crsfd_jax"
 ORDER = tuple(
     """
     errors extras units types files option_names limits shapes option_types randomisation config
-    validation cli keywords interrupt compile_cache progress leaves npz metrics loggers policy
-    artefacts array_store checkpoints divergence
+    validation cli keywords interrupt compile_cache progress leaves npz metrics troubles loggers
+    policy artefacts array_store checkpoints divergence
     sweeps
     scene.digits scene.build scene.kinematics
     physics.interface physics.host_call physics.native physics.mjx physics.select
@@ -149,6 +149,19 @@ def test_a_command_line_is_read_without_jax_and_mujoco(module):
 def test_learning_knows_nothing_of_the_simulator(module):
     simulator = {"scene", "physics", "env", "task"}
     assert not {name.partition(".")[0] for name in closure(module)} & simulator
+
+
+def test_nothing_is_unpickled_or_run_from_a_file():
+    for path in SOURCES:
+        names = {name.partition(".")[0] for name in imports(ast.walk(tree(path)))}
+        assert not names & {"pickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}, path
+        calls = [node for node in ast.walk(tree(path)) if isinstance(node, ast.Call)]
+        assert not {call.func.id for call in calls if isinstance(call.func, ast.Name)} & {
+            "eval",
+            "exec",
+        }, path
+        allowed = [word for call in calls for word in call.keywords if word.arg == "allow_pickle"]
+        assert all(ast.unparse(word.value) == "False" for word in allowed), path
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))

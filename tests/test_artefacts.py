@@ -209,4 +209,6 @@ def test_every_option_but_steps_and_out_counts_as_another_run(tmp_path):
     enter(tmp_path / "run")
     for field, value in (("seeds", 6), ("demos", "x.npz"), ("smoke", True), ("shape", "3")):
         changed = dataclasses.replace(Config(), **{field: value})
-        assert f"{field} " in refusal(tmp_path / "run", changed)
+        message = refusal(tmp_path / "run", changed)
+        assert f"{field} " in message
+        assert "--steps may grow; --engine, --target, --log may change" in message

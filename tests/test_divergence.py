@@ -110,6 +110,19 @@ def test_a_diverged_seed_is_told_kept_and_not_counted(run, capsys, caplog):
     assert len(table["seed"]) == 3 * 4
 
 
+def test_limits_that_the_engine_met_are_in_the_rows_and_said_at_the_end(run, capsys):
+    _, folder = run()
+    table = metrics.read(folder.metrics)
+    counts = [int(table[name].sum()) for name in ("env/contact_limit", "env/solver_limit")]
+    # The probe environment says so at the end of each episode.
+    assert sum(counts) == table["train/episodes"].sum() and min(counts) > 0
+    line = capsys.readouterr().out.splitlines()[-2]
+    assert line == (
+        f"physics   contacts filled their room in {counts[0]:,}, "
+        f"the solver used up its iterations in {counts[1]:,} of 3,072 control steps"
+    )
+
+
 def test_the_state_that_is_kept_is_that_of_the_seed_and_needs_no_pickle(run, program, begun):
     _, folder = run(1)
     (kept,) = folder.path.glob("diverged-*")

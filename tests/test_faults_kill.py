@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import signal
+import time
 from pathlib import Path
 
 import fault_runs
@@ -9,10 +10,12 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.faults
-KILLS = 10
-"""Of each kind; the two kinds run side by side."""
-OPERATIONS = 60
-"""Fewer than a run makes on files: two checkpoints of 20 to 40 each, and the rest."""
+AT_A_TIME, AT_AN_OPERATION, IN_A_SAVE = 7, 6, 7
+"""Twenty kills."""
+OPERATIONS = 50
+"""Fewer than a run makes on files: two checkpoints of 18 each, and the rest."""
+MOMENTS = (("folder", 0.3), ("compiling", 0.3), ("128/4,096 steps", 0.03))
+"""Line of the output, and seconds after it in which a run is far from its end on any machine."""
 
 
 @pytest.fixture(scope="module")
@@ -22,21 +25,21 @@ def seconds(whole, tmp_path_factory) -> float:
     return fault_runs.timed(lambda: fault_runs.run(folder))
 
 
-def until_killed(base: Path, whole: Path, kill) -> tuple[int, int]:
-    """Kills KILLS times; a run that ends before is compared, and the next one begins.
+def until_killed(base: Path, whole: Path, kills: int, attempt) -> int:
+    """Kills so many times; a run that ends before is compared, and the next one begins.
 
     Args:
-      kill: folder -> exit code of a run that was perhaps killed.
+      attempt: folder -> exit code of a run that was perhaps killed.
 
     Returns:
-      Kills inside a checkpoint write, and runs that came to their end.
+      Kills that left a checkpoint half written.
     """
-    kills = saving = runs = 0
-    while kills < KILLS:
+    killed = saving = runs = 0
+    while killed < kills:
         folder = base / str(runs)
-        code = kill(folder)
+        code = attempt(folder)
         if code == -signal.SIGKILL:
-            kills += 1
+            killed += 1
             saving += fault_runs.was_saving(folder)
         else:
             assert code == 0
@@ -47,7 +50,7 @@ def until_killed(base: Path, whole: Path, kill) -> tuple[int, int]:
     assert code == 0, out
     assert fault_runs.free_of_damage(folder)
     fault_runs.assert_same(folder, whole)
-    return saving, runs + 1
+    return saving
 
 
 @pytest.mark.timeout(3000)
@@ -55,6 +58,9 @@ def test_a_run_killed_at_twenty_random_moments_ends_as_one_that_never_was(whole,
     rng = np.random.default_rng(0)
     times = iter(rng.uniform(0, seconds, 1000))
     numbers = iter(rng.integers(1, OPERATIONS, 1000))
+    saves = iter(rng.integers(1, 3, 1000))
+    # Most of a save passes in its first milliseconds where the disk is fast.
+    delays = iter(10 ** rng.uniform(2, 4.5, 1000))
 
     def at_a_time(folder):
         return fault_runs.stopped_after(folder, next(times))[0]
@@ -62,22 +68,30 @@ def test_a_run_killed_at_twenty_random_moments_ends_as_one_that_never_was(whole,
     def at_an_operation(folder):
         return fault_runs.run(folder, fault="kill", n=next(numbers))[0]
 
+    def in_a_save(folder):
+        return fault_runs.run(folder, fault=f"save{next(saves)}", n=int(next(delays)))[0]
+
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
-        by_time = pool.submit(until_killed, tmp_path / "time", whole, at_a_time)
-        by_operation = pool.submit(until_killed, tmp_path / "operation", whole, at_an_operation)
-        saving, _ = by_operation.result()
-        by_time.result()
-    assert saving >= KILLS // 3
+        done = [
+            pool.submit(until_killed, tmp_path / attempt.__name__, whole, kills, attempt)
+            for attempt, kills in (
+                (in_a_save, IN_A_SAVE),
+                (at_a_time, AT_A_TIME),
+                (at_an_operation, AT_AN_OPERATION),
+            )
+        ]
+        saving, *_ = (one.result() for one in done)
+    assert saving >= 5
 
 
-def test_every_signal_at_a_random_moment_stops_a_run_in_order(whole, seconds, tmp_path):
+def test_every_signal_at_a_random_moment_stops_a_run_in_order(whole, tmp_path):
     rng = np.random.default_rng(1)
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+    numbers = rng.permutation([signal.SIGTERM, signal.SIGINT, signal.SIGHUP]).tolist()
+    for number, (line, at_most) in zip(numbers, MOMENTS, strict=True):
         folder = tmp_path / str(number)
         process = fault_runs.start(folder)
-        fault_runs.wait_for(process, "folder")
-        with pytest.raises(Exception, match="timed out"):
-            process.wait(rng.uniform(0, seconds / 10))
+        fault_runs.wait_for(process, line)
+        time.sleep(rng.uniform(0, at_most))
         process.send_signal(number)
         out, _ = process.communicate(timeout=500)
         assert process.returncode == 75, out

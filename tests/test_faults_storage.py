@@ -122,8 +122,19 @@ def test_a_clock_that_goes_back_changes_nothing(stopped, whole):
     fault_runs.assert_same(stopped, whole)
 
 
-def test_a_run_goes_on_with_another_engine_and_says_that_it_is_no_longer_bit_equal(stopped):
-    code, out = fault_runs.run(stopped, "--engine", "mjx")
+def test_a_run_goes_on_with_another_engine_and_says_that_it_is_no_longer_bit_equal(
+    half, stopped, tmp_path
+):
+    twin = shutil.copytree(half, tmp_path / "twin")
+    for folder in (stopped, twin):
+        code, out = fault_runs.run(folder, "--engine", "mjx")
+        assert code == 0, out
+        assert "not bit-equal from here on" in out and "engine mjx" in out
+        assert "resumed at" in out
+    fault_runs.assert_same(stopped, twin)
+
+
+def test_the_same_command_gives_the_same_run(whole, tmp_path):
+    code, out = fault_runs.run(tmp_path / "run")
     assert code == 0, out
-    assert "not bit-equal from here on" in out and "engine mjx" in out
-    assert "resumed at" in out
+    fault_runs.assert_same(tmp_path / "run", whole)

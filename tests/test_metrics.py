@@ -38,9 +38,20 @@ def test_a_single_precision_number_survives_the_file(tmp_path_factory, number):
 def test_other_columns_than_the_header_are_refused_and_nothing_is_written(path):
     metrics.append(path, [row(100, 0)])
     before = path.read_bytes()
-    with pytest.raises(UserError, match="columns eval/success_rate, loss are only in"):
+    with pytest.raises(UserError, match="columns eval/success_rate are only in"):
         metrics.append(path, [{"env_steps": 200, "seed": 0, "loss": 1.0}])
     assert path.read_bytes() == before
+
+
+def test_a_column_that_is_younger_than_the_file_is_unknown_in_its_older_rows(path):
+    metrics.append(path, [row(100, 0), row(100, 1)])
+    metrics.append(path, [row(200, 0) | {"loss": 1.0}])
+    table = metrics.read(path)
+    assert table["env_steps"].tolist() == [100, 100, 200]
+    np.testing.assert_array_equal(table["loss"], [np.nan, np.nan, 1.0])
+    metrics.truncate(path, 100)
+    metrics.append(path, [row(200, 0) | {"loss": 1.0}])
+    np.testing.assert_array_equal(metrics.read(path)["loss"], [np.nan, np.nan, 1.0])
 
 
 def test_no_rows_write_nothing(path):

@@ -439,6 +439,22 @@ def test_films_that_would_make_the_page_too_large_are_named(tmp_path, monkeypatc
     assert text.count("data:image/gif") == 1 and "r/b/film.gif: no room" in text
 
 
+def test_troubles_of_a_run_are_on_the_page_and_nothing_where_there_were_none(tmp_path):
+    folder = make_run(tmp_path / "r" / "hurt")
+    make_run(tmp_path / "r" / "well", "sacfd")
+    table = metrics.read(folder / "metrics.csv")
+    (folder / "metrics.csv").unlink()
+    table["train/diverged"] = (table["seed"] == 3) & (table["env_steps"] >= 400)
+    table["env/contact_limit"] = table["seed"] == 1
+    rows = [dict(zip(table, line, strict=True)) for line in zip(*table.values(), strict=True)]
+    metrics.append(folder / "metrics.csv", rows)
+    shown = page._origin(page.collect([str(tmp_path / "r")]))
+    assert "hurt: seed 3 diverged at 400 steps" in shown
+    assert "hurt: contacts filled their room in 10 of 5,000 control steps" in shown
+    assert "well:" not in shown
+    assert "troubles" not in page._origin(page.collect([str(tmp_path / "r" / "well")]))
+
+
 def test_the_program_reports_and_refuses(tmp_path, monkeypatch, capsys):
     pytest.importorskip("jax")
     from crsfd_jax.report import value_map

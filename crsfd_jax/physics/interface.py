@@ -39,16 +39,30 @@ class Surroundings:
     """[N] uint32 seed of an episode's readings; None where they are exact."""
 
 
+@flax.struct.dataclass(kw_only=True)
+class Limits:
+    """Which limits of the engine a control step met; None where the engine does not tell."""
+
+    contacts: jax.Array | None = None
+    """[N] bool, in any physics step contacts or their constraints filled the room for them."""
+    solver: jax.Array | None = None
+    """[N] bool, in the last physics step the solver made all the iterations that it may."""
+
+
 class Engine(NamedTuple):
     """A physics engine: pure functions over a fixed scene."""
 
     name: str
-    step: Callable[[PhysicsState, Surroundings, jax.Array], PhysicsState]
-    """(state, surroundings, setpoint [N, 6]) -> state one control step later.
+    advance: Callable[[PhysicsState, Surroundings, jax.Array], tuple[PhysicsState, Limits]]
+    """(state, surroundings, setpoint [N, 6]) -> state one control step later, limits met.
 
     The setpoint is the tip's target in the nominal socket's frame: position (m) and rotation
     vector (rad), held for the whole control step. A simulation that breaks down gives NaN.
     """
+
+    def step(self, state: PhysicsState, around: Surroundings, setpoint: jax.Array) -> PhysicsState:
+        """The state one control step later."""
+        return self.advance(state, around, setpoint)[0]
 
 
 CONTROL_DT = 0.1

@@ -14,14 +14,14 @@ import numpy as np
 with contextlib.redirect_stdout(io.StringIO()):  # It prints that the optional warp is missing.
     from mujoco import mjx
 
-from crsfd_jax.physics.interface import CONTROL_DT, Engine, PhysicsState, Surroundings
+from crsfd_jax.physics.interface import CONTROL_DT, Engine, Limits, PhysicsState, Surroundings
 from crsfd_jax.scene.build import Scene
 
 _UNKNOWN_TO_WARP = mujoco.mjtDisableBit.mjDSBL_MIDPHASE, mujoco.mjtDisableBit.mjDSBL_AUTORESET
 """Flags that switch off what Warp does not have, and that it refuses for being unknown."""
 _CANDIDATES = 64
 """Contacts of an environment that Warp has room for before any are sorted out."""
-Step = Callable[[PhysicsState, Surroundings, jax.Array], PhysicsState]
+Advance = Callable[[PhysicsState, Surroundings, jax.Array], tuple[PhysicsState, Limits]]
 
 
 def make(scene: Scene, impl: str = "jax") -> Engine:
@@ -35,6 +35,7 @@ def make(scene: Scene, impl: str = "jax") -> Engine:
         for name, table in scene.geometry.items()
     }
     substeps = round(CONTROL_DT / scene.model.opt.timestep)
+    tells = impl == "jax"
 
     def actuators(around: Surroundings) -> dict[str, jax.Array]:
         if around.gains is None:
@@ -56,36 +57,51 @@ def make(scene: Scene, impl: str = "jax") -> Engine:
             ctrl=setpoint,
             mocap_pos=place[None],
         )
-        data = jax.lax.fori_loop(0, substeps, lambda _, d: mjx.step(own, d), data)
-        return PhysicsState(qpos=data.qpos, qvel=data.qvel, warmstart=data.qacc_warmstart)
 
-    def step(state: PhysicsState, around: Surroundings, setpoint: jax.Array) -> PhysicsState:
+        def physics_step(_, carry):
+            data, full = carry
+            data = mjx.step(own, data)
+            return data, full | _are_full(data) if tells else full
+
+        data, full = jax.lax.fori_loop(0, substeps, physics_step, (data, jnp.bool_(False)))
+        after = PhysicsState(qpos=data.qpos, qvel=data.qvel, warmstart=data.qacc_warmstart)
+        return after, Limits(contacts=full) if tells else Limits()
+
+    def advance(
+        state: PhysicsState, around: Surroundings, setpoint: jax.Array
+    ) -> tuple[PhysicsState, Limits]:
         blank = mjx.make_data(compiled, impl=impl, naconmax=len(setpoint) * _CANDIDATES)
         return jax.vmap(functools.partial(simulate, blank))(state, around, setpoint)
 
     if impl == "warp":
-        return Engine(name="warp", step=_as_one_batch(step))
-    return Engine(name="mjx", step=step)
+        return Engine(name="warp", advance=_as_one_batch(advance))
+    return Engine(name="mjx", advance=advance)
 
 
-def _as_one_batch(step: Step) -> Step:
+def _are_full(data: mjx.Data) -> jax.Array:
+    """[] bool: all of the contacts that are kept, the deepest, are closer than their margin."""
+    contact = data._impl.contact
+    return (contact.dist < contact.includemargin).all()
+
+
+def _as_one_batch(advance: Advance) -> Advance:
     """The step whose outer vmap axes become more environments of one call.
 
     Warp allocates its contacts for a whole batch, which must be known where they are allocated.
     """
-    step = jax.custom_batching.custom_vmap(step)
+    advance = jax.custom_batching.custom_vmap(advance)
 
-    @step.def_vmap
+    @advance.def_vmap
     def batched(axis_size, in_batched, *arguments):
         def merge(x, is_batched):
             x = x if is_batched else jnp.broadcast_to(x, (axis_size, *x.shape))
             return x.reshape(-1, *x.shape[2:])
 
-        moved = step(*jax.tree.map(merge, arguments, tuple(in_batched)))
+        moved = advance(*jax.tree.map(merge, arguments, tuple(in_batched)))
         split = jax.tree.map(lambda x: x.reshape(axis_size, -1, *x.shape[1:]), moved)
         return split, jax.tree.map(lambda _: True, split)
 
-    return step
+    return advance
 
 
 def _without(model: mujoco.MjModel, flags: tuple[int, ...]) -> mujoco.MjModel:

@@ -10,22 +10,35 @@ import mujoco.batch
 import numpy as np
 
 from crsfd_jax.physics import host_call
-from crsfd_jax.physics.interface import CONTROL_DT, Engine, PhysicsState, Surroundings
+from crsfd_jax.physics.interface import CONTROL_DT, Engine, Limits, PhysicsState, Surroundings
 from crsfd_jax.scene.build import Scene
+
+_OVERFLOWS = [int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
+_NUMBER = 1
+"""Column of mujoco.batch's warnings that counts them; the other holds what the last one says."""
 
 
 def make(scene: Scene) -> Engine:
-    """The C engine on the host; leading axes of a vmap become more simulations."""
+    """The C engine on the host; leading axes of a vmap become more simulations.
+
+    MuJoCo's warnings are silenced where nobody hears them: it would write them to a file in the
+    working folder.
+    """
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(lambda _: None)
     simulate = functools.partial(_simulate, scene, {})
     name = f"mujoco_{_digest(scene)}"
 
-    def step(state: PhysicsState, around: Surroundings, setpoint: jax.Array) -> PhysicsState:
+    def advance(
+        state: PhysicsState, around: Surroundings, setpoint: jax.Array
+    ) -> tuple[PhysicsState, Limits]:
         joints = jax.ShapeDtypeStruct(state.qpos.shape, jnp.float32)
+        met = jax.ShapeDtypeStruct(around.shape.shape, jnp.bool_)
         modelled = jnp.ones((*around.shape.shape, 2), jnp.float32)
-        qpos, qvel, warmstart = host_call.call(
+        qpos, qvel, warmstart, contacts, solver = host_call.call(
             name,
             simulate,
-            (joints, joints, joints),
+            (joints, joints, joints, met, met),
             around.shape,
             around.socket_offset,
             around.friction,
@@ -35,9 +48,10 @@ def make(scene: Scene) -> Engine:
             state.warmstart,
             setpoint,
         )
-        return PhysicsState(qpos=qpos, qvel=qvel, warmstart=warmstart)
+        after = PhysicsState(qpos=qpos, qvel=qvel, warmstart=warmstart)
+        return after, Limits(contacts=contacts, solver=solver)
 
-    return Engine(name="native", step=step)
+    return Engine(name="native", advance=advance)
 
 
 class _Pool:
@@ -48,6 +62,7 @@ class _Pool:
         self.batch = mujoco.batch.Batch(scene.model, size, nthread=0, persistent=True)
         self.motion = [self.batch.bind(n) for n in ("qpos", "qvel", "qacc_warmstart")]
         self.ctrl = self.batch.bind("ctrl")
+        self.iterations = self.batch.bind("solver_niter")
         self.socket = self.batch.bind("mocap_pos")[:, 0]
         self.socket[:] = scene.nominal
         self.still = self.batch.state[0].copy()
@@ -79,17 +94,24 @@ class _Pool:
             self.gains_now[changed] = gains[changed]
         np.add(self.scene.nominal[:2], offset, out=self.socket[:, :2])
 
-    def step(self, motion, setpoint, moved):
-        """Writes to `moved` where a control step takes `motion`."""
+    def step(self, motion, setpoint, moved, contacts, solver):
+        """Writes to `moved` where a control step takes `motion`, and which limits it met."""
         for own, given in zip(self.motion, motion, strict=True):
             own[:] = given
         self.ctrl[:] = setpoint
         broken = ~np.isfinite(self.batch.state).all(axis=1)
         self.batch.state[broken] = self.still
+        before = self.overflows()
         self.batch.step(nstep=self.substeps)
+        contacts[:] = self.overflows() != before
+        solver[:] = self.iterations.max(axis=1) >= self.scene.model.opt.iterations
         for own, wanted in zip(self.motion, moved, strict=True):
             wanted[:] = own
             wanted[broken] = np.nan
+
+    def overflows(self):
+        """[size] how often MuJoCo has warned since the pool was made."""
+        return self.batch.warning[:, _OVERFLOWS, _NUMBER].sum(axis=1)
 
 
 def _simulate(scene, pools, inputs, outputs):
@@ -104,7 +126,7 @@ def _simulate(scene, pools, inputs, outputs):
         pool = _Pool(scene, size)
     try:
         pool.set_surroundings(*flat[:4])
-        pool.step(flat[4:7], flat[7], flat[8:])
+        pool.step(flat[4:7], flat[7], flat[8:11], *flat[11:])
     finally:
         free.append(pool)
 

@@ -34,6 +34,8 @@ _NOTES = (
     "1 would be success from the start. Differences pair seeds of the same number.",
     "P(better): chance that a seed of the one scores above a seed of the other on the same task, "
     "ties count half (Mann and Whitney), mean over tasks.",
+    "Seeds that diverged are in all averages, with the success that they had; the troubles of each "
+    "run are listed with the machines.",
     "BC does not interact: it has one level, that of its last evaluations.",
     "With few seeds bootstrap intervals are somewhat too narrow: five seeds can show no "
     "difference finer than one of 32 sign patterns.",
@@ -211,6 +213,10 @@ def _origin(report: Report) -> str:
     options = tables.options(report.cells)
     if options.rows:
         parts += [html.paragraph("Options that are not at their default:"), html.table(*options)]
+    runs_of = [run for cell in report.cells for run in cell.runs]
+    troubles = [f"{run.name}: {line}" for run in runs_of for line in run.troubles]
+    if troubles:
+        parts.append(html.folded("troubles of seeds and simulations", html.bullets(troubles)))
     return html.section("Machines, versions and options", *parts)
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from crsfd_jax import metrics
+from crsfd_jax import metrics, troubles
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
 from crsfd_jax.option_names import by_full_name
@@ -41,6 +41,8 @@ class Run(NamedTuple):
     films: tuple[Path, ...]
     """Of its policy: of the clips of its evaluations the first, the middle and the last, then the
     newest of what else was filmed."""
+    troubles: list[str]
+    """Seeds that diverged, simulations that broke down or met limits; a line each."""
 
 
 class Found(NamedTuple):
@@ -122,6 +124,7 @@ def _run(name: str, table: Path, manifest: dict, columns: Mapping[str, np.ndarra
         seeds=np.unique(columns["seed"]),
         wall_s=float(wall.max()),
         films=_films(table.parent) if table.name == "metrics.csv" else (),
+        troubles=[*troubles.diverged(columns), *filter(None, [troubles.words(columns)])],
     )
 
 
