@@ -211,4 +211,4 @@ def test_every_option_but_steps_and_out_counts_as_another_run(tmp_path):
         changed = dataclasses.replace(Config(), **{field: value})
         message = refusal(tmp_path / "run", changed)
         assert f"{field} " in message
-        assert "--steps may grow; --engine, --target, --log may change" in message
+        assert "--steps may grow; --engine, --target, --log, --clips may change" in message
