@@ -3,6 +3,8 @@
 PYTHON ?= python3
 ARGS ?= --shape 2
 BIN := .venv/bin
+# A process for each core; tests of a file share what is slow to make.
+PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile
 
 .PHONY: setup train test slow faults bench
 
@@ -20,15 +22,16 @@ test: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
-	$(BIN)/python -m pytest
+	$(PYTEST)
 
 slow: setup
 	$(BIN)/python -m pytest -m slow
 
 faults: setup
-	$(BIN)/python -m pytest -m faults
+	$(PYTEST) -m faults
 
 bench: setup
 	$(BIN)/python bench/env.py
 	$(BIN)/python bench/update.py
 	$(BIN)/python bench/train.py
+	$(BIN)/python bench/workers.py
