@@ -228,6 +228,7 @@ def test_the_documented_viewers_serve_a_page(folder):
             with urllib.request.urlopen(f"http://127.0.0.1:{port}") as reply:
                 assert b"<html" in reply.read()
             viewer.send_signal(signal.SIGINT)
+            viewer.communicate()
         assert viewer.returncode == 0, command
 
 
