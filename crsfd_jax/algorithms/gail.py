@@ -1,8 +1,8 @@
 """GAIL off-policy: SAC that is paid for looking like the demonstrations, and for nothing else.
 
 The demonstrations only train the discriminator D(s, a). The reward is -log(1 - D), of the newest
-discriminator for every row drawn, times 1 - gamma, so that returns are weighted means of it and
-have the size that networks and temperature are set for.
+discriminator for every row drawn, times 1 - gamma, so that returns are weighted means of it, and
+times SCALE.
 
 That reward is positive, so ending an episode by success would end the pay. As in DAC, success
 leads to an absorbing state that pays for ever. Here it is not stored: being one point that
@@ -28,6 +28,8 @@ from crsfd_jax.learn import discriminator
 from crsfd_jax.learn.replay import Draw, ReplayState
 from crsfd_jax.types import Transition
 
+SCALE = 5.0
+"""Puts imitation before entropy: with 1 one of 5 seeds had learned shape 3 in 60,000 steps."""
 Features = Callable[[Transition], jax.Array]
 """Rows [...] -> what the discriminator sees of them [..., F]."""
 
@@ -72,7 +74,7 @@ def method(features: Features) -> Method:
         rows = _read(buffer, draw.rows)
         logits = discriminator.logits(judge.discriminator, features(rows))
         ending = absorbing_logit(judge.success_share, buffer)
-        return imitation_reward(logits, rows.terminated, ending, config.sac.gamma)
+        return SCALE * imitation_reward(logits, rows.terminated, ending, config.sac.gamma)
 
     return Method(
         uses_demos=False,

@@ -11,7 +11,7 @@ from crsfd_jax.config import Config
 from crsfd_jax.learn.replay import Draw, ReplayState
 
 WEIGHT = 1.0
-"""lambda_1. Returns of both rewards are of size 1; with a tenth of it no seed inserted."""
+"""lambda_1; with 0.02 none of 5 seeds inserted shape 3 after 60,000 steps."""
 
 
 def relabel(judge: gail.Judge, buffer: ReplayState, draw: Draw, config: Config) -> jax.Array:
