@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from crsfd_jax import shapes
+from crsfd_jax import artefacts, shapes
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.option_names import by_full_name
 from crsfd_jax.report.curves import Curve
@@ -15,8 +15,8 @@ from crsfd_jax.report.runs import Run
 from crsfd_jax.report.statistics import final
 
 # What a run is told apart by, or what says nothing about what is learned.
-_ASIDE = {"algorithm", "shape", "shift", "seed", "seeds", "steps", "out", "target", "log"}
-_ASIDE |= {"clips", "replay.capacity"}
+_ASIDE = {"algorithm", "shape", "shift", "seed", "seeds", "steps", "replay.capacity"}
+_ASIDE |= {*artefacts.MAY_CHANGE} - {"engine"}
 _TASK = ("scene.", "mdp.", "randomisation.")
 """Options that define the task, besides shape and shift."""
 
