@@ -32,7 +32,7 @@ def timed(function, *arguments) -> float:
 
 def measure(config: Config) -> dict:
     """Seconds of each part of a run with this configuration."""
-    program = program_of.build(config, builtin.load(config.demos))
+    program = program_of.build([config], builtin.load(config.demos))
     began = time.perf_counter()
     states = jax.block_until_ready(program.start())
     prepared = time.perf_counter() - began

@@ -1,6 +1,7 @@
 """The unit that is compiled: many training steps of all seeds in one program."""
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,25 +11,34 @@ from crsfd_jax import spread
 from crsfd_jax.train_step import Learner, TrainState
 
 Metrics = dict[str, jax.Array]
+Step = Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]]
+"""(state, own, step) -> state of one seed after a vector step, metrics."""
 Chunk = Callable[[TrainState, jax.typing.ArrayLike], tuple[TrainState, Metrics]]
 """(states [S], step) -> states after the chunk, metrics [S]; the states given are consumed."""
 
 
-def make(learner: Learner, length: int, mesh: Mesh | None = None) -> Chunk:
+def make(learner: Learner, length: int) -> Chunk:
+    """A chunk of `length` vector steps of one learner's seeds."""
+    return of_each(lambda state, own, step: learner.step(state, step), (), length)
+
+
+def of_each(advance: Step, own: Any, length: int, mesh: Mesh | None = None) -> Chunk:
     """A chunk of `length` vector steps; counts are added up, other metrics averaged.
 
     Args:
+      own: [S] what tells a seed's learner from those of other seeds.
       mesh: the devices that share the seeds; None for one.
     """
 
-    def run(states: TrainState, step: jax.Array) -> tuple[TrainState, Metrics]:
+    def run(states: TrainState, own: Any, step: jax.Array) -> tuple[TrainState, Metrics]:
         def body(states, step):
-            return jax.vmap(learner.step, in_axes=(0, None))(states, step)
+            return jax.vmap(advance, in_axes=(0, 0, None))(states, own, step)
 
         states, metrics = jax.lax.scan(body, states, step + jnp.arange(length))
         return states, {name: _summarise(values) for name, values in metrics.items()}
 
-    return jax.jit(spread.split(run, mesh, spread.WHOLE), donate_argnums=0)
+    split = spread.split(run, mesh, spread.SEEDS, spread.WHOLE)
+    return jax.jit(lambda states, step: split(states, own, step), donate_argnums=0)
 
 
 def _summarise(values: jax.Array) -> jax.Array:

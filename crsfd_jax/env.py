@@ -99,7 +99,8 @@ def make(
 ) -> Env:
     """The task on an engine, with the episodes of a distribution."""
     links = chain(scene)
-    rest = np.asarray(rest_posture(links))
+    with jax.ensure_compile_time_eval():
+        rest = np.asarray(rest_posture(links))
     arm = distribution.randomisation
     deviation = (arm.position_noise, arm.rotation_noise)
 

@@ -1,14 +1,19 @@
-"""What a run computes: from its options to the functions that the trainer calls."""
+"""What a run computes: from its options to the functions that the trainer calls.
+
+Runs that differ in task and seeds alone are computed as one: the seeds of all of them stand side by
+side, and each has the shapes and the shift of its run.
+"""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.sharding import Mesh
 
-from crsfd_jax import algorithms, chunk, device, evaluation, spread, task, train_step
+from crsfd_jax import algorithms, chunk, device, evaluation, shapes, spread, task, train_step
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, run_name
 from crsfd_jax.demos.dataset import Demonstrations
@@ -26,9 +31,10 @@ _QUICK_COMPILE = {"xla_backend_optimization_level": 1}
 
 
 class Program(NamedTuple):
-    """The functions of a run."""
+    """The functions of a run, or of several: [S] are the seeds of all."""
 
     env: Env
+    """That of the first seed, as is the learner."""
     learner: Learner
     start: Callable[[], TrainState]
     """() -> states [S] before the first step."""
@@ -59,40 +65,86 @@ def evaluation_period(config: Config) -> int:
     return max(1, round(config.evaluation.every / (config.envs * CHUNK_STEPS))) * CHUNK_STEPS
 
 
-def build(config: Config, demos: Demonstrations) -> Program:
-    """Everything that a run computes on its task, not compiled yet."""
+def build(configs: Sequence[Config], demos: Demonstrations) -> Program:
+    """Everything that runs compute on their tasks, not compiled yet.
+
+    Args:
+      configs: of a run, or of several that `together.require_alike` lets share a program.
+    """
     transitions = Transition(
         **{f.name: jnp.asarray(getattr(demos, f.name)) for f in dataclasses.fields(Transition)}
     )
-    _, scene = task.engine(device.engine_name(config), config.scene)
-    sampler = make_free_space(scene, config.potential.free_space_extent)
+    first = configs[0]
+    _, scene = task.engine(device.engine_name(first), first.scene)
+    sampler = make_free_space(scene, first.potential.free_space_extent)
     preparation = Preparation(demos=transitions, free_space=sampler)
-    return assemble(config, task.make_env(config), preparation)
+    whole = _with_all_shapes(configs)
+    return assemble(configs, lambda drawn: task.make_env(whole, drawn=drawn), preparation)
 
 
-def assemble(config: Config, env: Env, preparation: Preparation) -> Program:
-    """What a run computes on any environment; several devices share the seeds."""
-    learner = train_step.make(env, algorithms.load(config.algorithm), config)
-    seeds = jnp.arange(config.seed, config.seed + config.seeds)
-    mesh = spread.mesh(config.seeds)
+def assemble(
+    configs: Sequence[Config],
+    make_env: Callable[[Mapping[str, jax.Array]], Env],
+    preparation: Preparation,
+) -> Program:
+    """What runs compute on any environment; several devices share the seeds.
 
-    def begin(seeds: jax.Array) -> TrainState:
-        keys = jax.vmap(jax.random.key)(seeds)
-        return jax.vmap(lambda key: learner.init(key, preparation))(keys)
+    Args:
+      make_env: from what a seed's episodes are drawn from, where runs differ in that: fields
+        of `randomize.Distribution`.
+    """
+    first, method = configs[0], algorithms.load(configs[0].algorithm)
+    own = _own(configs)
+    mesh = spread.mesh(len(own["seed"]))
+    of_first = {name: values[0] for name, values in own["drawn"].items()}
 
-    def play(seeds: jax.Array, actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
-        def one(actor, seed):
-            key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), _FRESH), env_steps)
-            return evaluation.run(env, learner.nets, actor, key, config.evaluation.episodes)
+    def learner_of(drawn: Mapping[str, jax.Array]) -> Learner:
+        config: Any = dataclasses.replace(first, shift=drawn.get("shift", first.shift))
+        return train_step.make(make_env(drawn), method, config)
 
-        return jax.vmap(one)(actor, seeds)
+    learner = learner_of(of_first)
+
+    def begin(own: dict[str, Any]) -> TrainState:
+        def one(own: dict[str, Any]) -> TrainState:
+            return learner_of(own["drawn"]).init(jax.random.key(own["seed"]), preparation)
+
+        return jax.vmap(one)(own)
+
+    def step(state: TrainState, own: dict[str, Any], step: jax.Array) -> Any:
+        return learner_of(own["drawn"]).step(state, step)
+
+    def play(own: dict[str, Any], actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
+        def one(actor, own):
+            key = jax.random.fold_in(jax.random.key(own["seed"]), _FRESH)
+            key, env = jax.random.fold_in(key, env_steps), make_env(own["drawn"])
+            return evaluation.run(env, learner.nets, actor, key, first.evaluation.episodes)
+
+        return jax.vmap(one)(actor, own)
 
     def start() -> TrainState:
-        return spread.split(begin, mesh)(seeds)
+        return spread.split(begin, mesh)(own)
 
     def evaluate(actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
-        return spread.split(play, mesh, spread.SEEDS, spread.WHOLE)(seeds, actor, env_steps)
+        return spread.split(play, mesh, spread.SEEDS, spread.WHOLE)(own, actor, env_steps)
 
     start = jax.jit(start, compiler_options=_QUICK_COMPILE)
-    advance = chunk.make(learner, CHUNK_STEPS, mesh)
-    return Program(env, learner, start, advance, jax.jit(evaluate), mesh)
+    advance = chunk.of_each(step, own, CHUNK_STEPS, mesh)
+    return Program(make_env(of_first), learner, start, advance, jax.jit(evaluate), mesh)
+
+
+def _with_all_shapes(configs: Sequence[Config]) -> Config:
+    """The first run's options, with a scene for every run."""
+    names = dict.fromkeys(name for config in configs for name in shapes.read(config.shape))
+    return dataclasses.replace(configs[0], shape=",".join(names))
+
+
+def _own(configs: Sequence[Config]) -> dict[str, Any]:
+    """[S] what tells a seed from the others; what all have in common is left to the options."""
+    known = task.shapes_known(_with_all_shapes(configs))
+    rows = [[known.index(name) for name in shapes.read(config.shape)] for config in configs]
+    shifts = [config.shift for config in configs]
+    each = {"shapes": np.array(rows, np.int32), "shift": np.array(shifts, np.float32)}
+    runs = np.repeat(np.arange(len(configs)), [config.seeds for config in configs])
+    seeds = [config.seed + i for config in configs for i in range(config.seeds)]
+    drawn = {name: v[runs] for name, v in each.items() if (v != v[0]).any()}
+    return {"seed": np.array(seeds), "drawn": drawn}

@@ -1,6 +1,9 @@
 """From options to an environment: scene, engine and the distribution of episodes."""
 
 import functools
+import types
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -36,8 +39,17 @@ def _start_pool(parts: config.Scene) -> np.ndarray:
     return randomize.start_pool(chain(build(parts)))
 
 
-def make_env(options: config.Config, reward: env.Reward = env.sparse_reward) -> env.Env:
-    """The environment of a run."""
+def make_env(
+    options: config.Config,
+    reward: env.Reward = env.sparse_reward,
+    drawn: Mapping[str, Any] = types.MappingProxyType({}),
+) -> env.Env:
+    """The environment of a run.
+
+    Args:
+      drawn: fields of `randomize.Distribution` in place of those that the options say; they may
+        be traced arrays.
+    """
     known = shapes_known(options)
     physics, scene = engine(select.resolve(options.engine), options.scene, known)
     distribution = randomize.Distribution(
@@ -47,4 +59,4 @@ def make_env(options: config.Config, reward: env.Reward = env.sparse_reward) -> 
         friction=options.scene.friction,
         randomisation=options.randomisation,
     )
-    return env.make(physics, scene, options.mdp, distribution, reward)
+    return env.make(physics, scene, options.mdp, distribution._replace(**drawn), reward)

@@ -1,6 +1,9 @@
-"""`python -m crsfd_jax.train`: learn an insertion task from demonstrations of another one."""
+"""`python -m crsfd_jax.train`: learn an insertion task from demonstrations of another one.
 
-from crsfd_jax import cli, loggers
+`--and` between two command lines trains both runs side by side in one program.
+"""
+
+from crsfd_jax import cli, loggers, together
 from crsfd_jax.config import Config, smoke_sized
 from crsfd_jax.demos import builtin
 from crsfd_jax.report import opengl
@@ -8,19 +11,23 @@ from crsfd_jax.report import opengl
 
 def run(argv: list[str]) -> int:
     """Trains as the command line says; see --help."""
-    config = cli.parse(Config, argv)
-    loggers.require(config.log)
-    if config.clips:
-        opengl.platform()
-    if config.smoke:
-        config = smoke_sized(config)
-    demos = builtin.load(config.demos, config.demo_episodes)
+    configs = [_parsed(line) for line in together.command_lines(argv)]
+    together.require_alike(configs)
+    demos = builtin.load(configs[0].demos, configs[0].demo_episodes)
     # jax takes seconds to import: what is wrong with the input is said before.
     from crsfd_jax import compile_cache, spread, trainer
 
     compile_cache.enable()
     spread.join()
-    return trainer.train(config, demos)
+    return trainer.train(configs, demos)
+
+
+def _parsed(argv: list[str]) -> Config:
+    config = cli.parse(Config, argv)
+    loggers.require(config.log)
+    if config.clips:
+        opengl.platform()
+    return smoke_sized(config) if config.smoke else config
 
 
 if __name__ == "__main__":

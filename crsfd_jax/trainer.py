@@ -1,32 +1,23 @@
-"""The host's side of a run: compile, advance, evaluate, record, save, stop, resume."""
+"""The host's side of a run: compile, advance, evaluate, record, save, stop, resume.
+
+Runs that share a program go through it side by side; one is the usual case.
+"""
 
 import contextlib
-import dataclasses
 import json
 import os
 import shlex
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import (
-    artefacts,
-    checkpoints,
-    clips,
-    device,
-    divergence,
-    loggers,
-    metrics,
-    outcome,
-    policy,
-    spread,
-    standing,
-    troubles,
-)
+from crsfd_jax import artefacts, bookkeeping, checkpoints, device, metrics, spread, standing
+from crsfd_jax.bookkeeping import Run
 from crsfd_jax.config import Config
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.errors import STOPPED, USAGE, UserError
@@ -41,7 +32,6 @@ from crsfd_jax.program import (
     total_steps,
 )
 from crsfd_jax.progress import progress, say
-from crsfd_jax.report import curves
 from crsfd_jax.standing import Standing
 from crsfd_jax.train_step import TrainState
 
@@ -49,74 +39,83 @@ _SAVE_SHARE = 0.02
 """Largest share of the wall time that saving may take."""
 
 
-def train(config: Config, demos: Demonstrations) -> int:
-    """Runs or continues a run to its end, or until a signal stops it; returns the exit code.
+def train(configs: Sequence[Config], demos: Demonstrations) -> int:
+    """Runs or continues runs to their end, or until a signal stops them; returns the exit code.
+
+    Args:
+      configs: of a run, or of several that `together.require_alike` lets share a program.
 
     Raises:
-      UserError: the run cannot start or go on: run folder, disk, memory or engine.
+      UserError: a run cannot start or go on: run folder, disk, memory or engine.
     """
-    config = fitted(config)
-    words = device.describe(config)
-    with (
-        _place(config) as path,
-        artefacts.open_run(path, config, words, sys.argv) as folder,
-        Interrupt() as interrupt,
-        _memory_reported(folder),
-    ):
-        program = build(config, demos)
+    configs = [fitted(config) for config in configs]
+    words = device.describe(configs[0])
+    with _places(configs) as paths, contextlib.ExitStack() as stack:
+        folders = [
+            stack.enter_context(artefacts.open_run(path, config, words, sys.argv))
+            for path, config in zip(paths, configs, strict=True)
+        ]
+        interrupt = stack.enter_context(Interrupt())
+        stack.enter_context(_memory_reported(folders))
+        program = build(configs, demos)
         size = stored_bytes(jax.eval_shape(program.start))
-        artefacts.refuse_full_disk(folder, size)
+        seeds = sum(config.seeds for config in configs)
+        for config, folder in zip(configs, folders, strict=True):
+            artefacts.refuse_full_disk(folder, size * config.seeds // seeds)
         say(f"device    {words}")
         if jax.device_count() > 1:
             devices = f"{program.mesh.size} of {jax.device_count()} devices"
-            say(f"seeds     {config.seeds}, evenly on {devices}, {jax.process_count()} processes")
-        say(f"task      shape {config.shape}, shift {config.shift * 1e3:g} mm, {config.algorithm}")
-        say(f"buffer    {config.replay.capacity} transitions a seed, {size / 1e6:.0f} MB in all")
-        say(f"folder    {folder.path}")
-        return run(config, program, folder, interrupt)
+            say(f"seeds     {seeds}, evenly on {devices}, {jax.process_count()} processes")
+        for config, folder in zip(configs, folders, strict=True):
+            shift = f"{config.shift * 1e3:g} mm"
+            say(f"task      shape {config.shape}, shift {shift}, {config.algorithm}")
+            say(f"folder    {folder.path}")
+        capacity = configs[0].replay.capacity
+        say(f"buffer    {capacity} transitions a seed, {size / 1e6:.0f} MB in all")
+        return run(configs, program, folders, interrupt)
 
 
-def run(config: Config, program: Program, folder: artefacts.RunFolder, interrupt: Interrupt) -> int:
+def run(
+    configs: Sequence[Config],
+    program: Program,
+    folders: Sequence[artefacts.RunFolder],
+    interrupt: Interrupt,
+) -> int:
     """Starts or resumes, and goes on to the end or to a signal; returns the exit code."""
-    states, at = _start_or_resume(config, program, folder)
-    if not _is_over(config, at):
+    states, runs = _start_or_resume(configs, program, folders)
+    first = runs[0]
+    if not _are_over(runs):
         program = _compiled(program, states)
-    began, saved_at, save_s = time.monotonic() - at.wall_s, time.monotonic(), 0.0
-    seeds = range(config.seed, config.seed + config.seeds)
-    film = clips.recorder(config, folder.path)
-    with (
-        progress(config.steps, at.step * config.envs) as show,
-        loggers.opened(config.log if spread.is_first() else "none", folder.path, seeds) as log,
-    ):
-        while not _is_over(config, at) and not spread.any_of(interrupt.requested):
-            states, values = program.advance(states, np.int32(at.step))
-            at.step += CHUNK_STEPS
-            standing.add_up(at, spread.collect(values))
-            at.wall_s = time.monotonic() - began
-            if at.step % evaluation_period(config) == 0 or at.step == total_steps(config):
-                _evaluate(config, program, states, at, folder)
-                log()
-                film(states.agent.actor, at.step * config.envs)
-            show(at.step * config.envs, at.success)
+    began = time.monotonic() - sum(each.at.wall_s for each in runs)
+    saved_at, save_s = time.monotonic(), 0.0
+    with contextlib.ExitStack() as stack:
+        show = stack.enter_context(progress(first.config.steps, first.env_steps))
+        watchers = [bookkeeping.watcher(each, stack) for each in runs]
+        while not _are_over(runs) and not spread.any_of(interrupt.requested):
+            step = first.at.step + CHUNK_STEPS
+            states, values = program.advance(states, np.int32(first.at.step))
+            for each in runs:
+                bookkeeping.add_up(each, step, values)
+            _share_time(runs, began)
+            if step % evaluation_period(first.config) == 0 or step == total_steps(first.config):
+                played = program.evaluate(states.agent.actor, np.int32(first.env_steps))
+                for each, watch in zip(runs, watchers, strict=True):
+                    bookkeeping.evaluated(each, states, played)
+                    watch(states)
+            show(first.env_steps, [rate for each in runs for rate in each.at.success])
             due = spread.is_first() and save_is_due(save_s, time.monotonic() - saved_at)
-            if spread.any_of(due) and not _is_over(config, at):
-                save_s = _save(folder, states, at)
+            if spread.any_of(due) and not _are_over(runs):
+                save_s = _save(runs, states)
                 saved_at = time.monotonic()
-        at.wall_s = time.monotonic() - began
-        _save(folder, states, at)
-        policy.save(folder.path, spread.collect(states.agent.actor))
-    if not _is_over(config, at):
-        say(f"stopped at {at.step * config.envs} steps, saved; go on with the same command:")
+        _share_time(runs, began)
+        _save(runs, states)
+        for each in runs:
+            bookkeeping.save_policies(each, states)
+    if not _are_over(runs):
+        say(f"stopped at {first.env_steps} steps, saved; go on with the same command:")
         say(f"  {_command()}")
         return STOPPED
-    curves.plot({config.algorithm: folder.metrics}, folder.curves)
-    say(f"curves    {folder.curves}")
-    met = troubles.words(metrics.read(folder.metrics))
-    if met:
-        say(f"physics   {met}")
-    came_to = outcome.judge(config, at.success, at.diverged, at.wall_s)
-    say(came_to.line)
-    return came_to.code
+    return max([bookkeeping.conclude(each) for each in runs])
 
 
 def save_is_due(save_s: float, since_s: float) -> bool:
@@ -124,33 +123,73 @@ def save_is_due(save_s: float, since_s: float) -> bool:
     return save_s < _SAVE_SHARE * since_s
 
 
-def _is_over(config: Config, at: Standing) -> bool:
-    return at.step >= total_steps(config) or len(at.diverged) == config.seeds
+def _are_over(runs: Sequence[Run]) -> bool:
+    finished = runs[0].at.step >= total_steps(runs[0].config)
+    return finished or all(each.is_lost for each in runs)
 
 
-def _start_or_resume(config, program, folder) -> tuple[TrainState, Standing]:
-    found = checkpoints.restore(folder.checkpoints, jax.eval_shape(program.start))
-    if spread.any_of(found is not None):
-        state, extra = _told(program, found)
-        at = standing.from_saved(extra)
-        metrics.truncate(folder.metrics, at.step * config.envs)
-        say(f"resumed at {at.step * config.envs} of {config.steps} steps")
-        return spread.place(state, program.mesh), at
-    metrics.truncate(folder.metrics, 0)
+def _share_time(runs: Sequence[Run], began: float) -> None:
+    for each in runs:
+        each.at.wall_s = (time.monotonic() - began) / len(runs)
+
+
+def _start_or_resume(configs, program, folders) -> tuple[TrainState, list[Run]]:
+    like = jax.eval_shape(program.start)
+    ends = np.cumsum([config.seeds for config in configs]).tolist()
+    seeds = [slice(end - config.seeds, end) for config, end in zip(configs, ends, strict=True)]
+    parts = [None] if len(configs) == 1 else seeds
+    found = [
+        checkpoints.restore(folder.checkpoints, _part(like, part))
+        for folder, part in zip(folders, parts, strict=True)
+    ]
+    _require_one_step(folders, found)
+    if spread.any_of(found[0] is not None):
+        states, extras = _told(program, found)
+        ats = [standing.from_saved(extra) for extra in extras]
+        states = spread.place(states, program.mesh)
+    else:
+        states, ats = None, [Standing() for _ in configs]
+    runs = [Run(*each) for each in zip(configs, folders, parts, ats, strict=True)]
+    for each in runs:
+        metrics.truncate(each.folder.metrics, each.env_steps)
+    if states is not None:
+        say(f"resumed at {runs[0].env_steps} of {configs[0].steps} steps")
+        return states, runs
     began = time.monotonic()
     states = jax.block_until_ready(program.start())
     took = time.monotonic() - began
-    say(f"prepared  {config.algorithm} for {config.seeds} seeds in {took:.1f} s")
-    return states, Standing()
+    say(f"prepared  {configs[0].algorithm} for {ends[-1]} seeds in {took:.1f} s")
+    return states, runs
 
 
-def _told(program: Program, found: checkpoints.Checkpoint | None) -> tuple[TrainState, dict]:
-    """What the first process found in the run folder, in every process."""
-    if jax.process_count() == 1 and found is not None:
-        return found.state, found.extra
-    blank = spread.collect(program.start())
-    state = spread.from_first(found.state if found else blank)
-    return state, json.loads(spread.text_from_first(json.dumps(found.extra if found else {})))
+def _part(like, seeds: slice | None):
+    """The structure of a part of the seeds."""
+    if seeds is None:
+        return like
+    count = seeds.stop - seeds.start
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct((count, *x.shape[1:]), x.dtype), like)
+
+
+def _require_one_step(folders, found: Sequence[checkpoints.Checkpoint | None]) -> None:
+    steps = [each.step if each else 0 for each in found]
+    for folder, step in zip(folders, steps, strict=True):
+        if step != steps[0]:
+            raise UserError(
+                f"{folder.path} stands at vector step {step}, {folders[0].path} at {steps[0]}, "
+                "expected runs that were saved together; go on with each of them by itself"
+            )
+
+
+def _told(program: Program, found: Sequence) -> tuple[TrainState, list[dict]]:
+    """What the first process found in the run folders, in every process."""
+    if found[0] is None:
+        states, extras = spread.collect(program.start()), []
+    elif len(found) == 1:
+        states, extras = found[0].state, [found[0].extra]
+    else:
+        states = jax.tree.map(lambda *x: jnp.concatenate(x), *(each.state for each in found))
+        extras = [each.extra for each in found]
+    return spread.from_first(states), json.loads(spread.text_from_first(json.dumps(extras)))
 
 
 def _compiled(program: Program, states: TrainState) -> Program:
@@ -162,54 +201,38 @@ def _compiled(program: Program, states: TrainState) -> Program:
     return program._replace(advance=advance, evaluate=evaluate)
 
 
-def _evaluate(config, program, states, at: Standing, folder) -> None:
-    """Plays fresh episodes, looks for seeds that diverged, and writes a row for each seed."""
-    env_steps = at.step * config.envs
-    played = spread.collect(program.evaluate(states.agent.actor, np.int32(env_steps)))
-    at.success = np.asarray(played.success).mean(axis=1).tolist()
-    for index, place in divergence.find(spread.collect(states.agent), at.sums).items():
-        seed = config.seed + index
-        if str(seed) not in at.diverged:
-            whole = spread.collect(states)
-            divergence.keep(folder.path, whole, index, seed, env_steps, place)
-            at.diverged[str(seed)] = env_steps
-    lengths = np.asarray(played.length).mean(axis=1).tolist()
-    metrics.append(folder.metrics, standing.rows(config, at, lengths))
-    at.sums, at.chunks = {}, 0
-
-
-def _save(folder, states: TrainState, at: Standing) -> float:
-    began, whole = time.monotonic(), spread.collect(states)
-    if spread.is_first():
-        checkpoints.save(folder.checkpoints, at.step, whole, dataclasses.asdict(at))
+def _save(runs: Sequence[Run], states: TrainState) -> float:
+    began = time.monotonic()
+    for each in runs:
+        bookkeeping.save(each, states)
     return time.monotonic() - began
 
 
 @contextlib.contextmanager
-def _place(config: Config) -> Iterator[str]:
-    """The run folder of the first process; the others are silent and leave nothing."""
+def _places(configs: Sequence[Config]) -> Iterator[list[str]]:
+    """The run folders of the first process; the others are silent and leave nothing."""
     if spread.is_first():
-        yield config.out
+        yield [config.out for config in configs]
         return
     with (
         tempfile.TemporaryDirectory() as scratch,
         open(os.devnull, "w", encoding="utf-8") as nowhere,
         contextlib.redirect_stdout(nowhere),
     ):
-        yield scratch
+        yield [f"{scratch}/{i}" for i in range(len(configs))]
 
 
 @contextlib.contextmanager
-def _memory_reported(folder: artefacts.RunFolder) -> Iterator[None]:
+def _memory_reported(folders: Sequence[artefacts.RunFolder]) -> Iterator[None]:
     try:
         yield
     except (MemoryError, jax.errors.JaxRuntimeError) as error:
         if isinstance(error, jax.errors.JaxRuntimeError) and "RESOURCE_EXHAUSTED" not in str(error):
             raise
         raise UserError(
-            f"{folder.path}: out of memory ({str(error)[:80]}); free some and run the same command "
-            "again, or lower --seeds, --envs or --replay.capacity with another --out",
-            STOPPED if any(folder.checkpoints.iterdir()) else USAGE,
+            f"{folders[0].path}: out of memory ({str(error)[:80]}); free some and run the same "
+            "command again, or lower --seeds, --envs or --replay.capacity with another --out",
+            STOPPED if any(folders[0].checkpoints.iterdir()) else USAGE,
         ) from error
 
 

@@ -1,4 +1,7 @@
-"""Trains on the probe environment: `python probe_run.py FOLDER SEEDS [STEPS]`."""
+"""Trains on the probe environment: `python probe_run.py FOLDER[,FOLDER] SEEDS [STEPS]`.
+
+Of two runs together, the second one's seeds follow the first one's.
+"""
 
 import dataclasses
 
@@ -9,11 +12,15 @@ from crsfd_jax import cli, compile_cache, program, spread, trainer
 
 def run(argv: list[str]) -> int:
     seeds, steps = int(argv[1]), int(argv[2]) if len(argv) > 2 else 1024
-    config = dataclasses.replace(probe_env.config(), out=argv[0], seeds=seeds, steps=steps)
-    made = probe_env.make(), probe_env.preparation()
-    trainer.build = lambda config, _: program.assemble(config, *made)
+    config = dataclasses.replace(probe_env.config(), seeds=seeds, steps=steps)
+    configs = [
+        dataclasses.replace(config, out=folder, seed=number * seeds)
+        for number, folder in enumerate(argv[0].split(","))
+    ]
+    made = (lambda drawn: probe_env.make()), probe_env.preparation()
+    trainer.build = lambda configs, _: program.assemble(configs, *made)
     compile_cache.enable()
-    return trainer.train(config, None)
+    return trainer.train(configs, None)
 
 
 if __name__ == "__main__":

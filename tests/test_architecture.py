@@ -12,7 +12,7 @@ ORDER = tuple(
     """
     errors extras units types files option_names limits shapes option_types randomisation config
     validation cli keywords interrupt compile_cache progress leaves npz metrics troubles loggers
-    policy artefacts array_store checkpoints divergence
+    policy artefacts together array_store checkpoints divergence
     sweeps
     scene.digits scene.build scene.kinematics
     physics.interface physics.host_call physics.native physics.mjx physics.select
@@ -21,7 +21,7 @@ ORDER = tuple(
     demos.layout demos.hdf5 demos.robomimic demos.minari demos.exchange
     learn algorithms free_space train_step chunk evaluation trained deploy
     demos.expert demos.record demos.commands
-    report gym program standing outcome viewer clips trainer
+    report gym program standing outcome viewer clips bookkeeping trainer
     view evaluate train sweep doctor export report.__main__ demos.__main__
     """.split()  # noqa: SIM905
 )

@@ -43,7 +43,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def program(config):
-    return assemble(config, probe_env.make(), probe_env.preparation())
+    return assemble([config], lambda drawn: probe_env.make(), probe_env.preparation())
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def run(config, program, begun, tmp_path):
             artefacts.open_run(tmp_path / name, config, "probe", []) as folder,
             Interrupt() as interrupt,
         ):
-            code = trainer.run(config, program._replace(start=start), folder, interrupt)
+            code = trainer.run([config], program._replace(start=start), [folder], interrupt)
         return code, folder
 
     return run

@@ -29,7 +29,7 @@ def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potenti
         return preparation.free_space(key, count)[..., TIP_POSE]
 
     spread = config.shift if config.potential.spread is None else config.potential.spread
-    move = functools.partial(moved, spread=spread) if spread else None
+    move = functools.partial(moved, spread=spread)
     poses = obs[..., TIP_POSE]
     return potential.fit(key, poses, targets, sample_features, config.potential, move)[0]
 

@@ -1,5 +1,6 @@
 """What is drawn for every episode: start pose, socket, shape, what tells the arm from its model."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -24,9 +25,9 @@ class Distribution(NamedTuple):
 
     start_qpos: np.ndarray
     """[P, 7] rad, joint angles of tip poses uniform in the start cube, upright."""
-    shapes: tuple[int, ...]
+    shapes: Sequence[int] | jax.Array
     """Rows of the scene's geometry tables, drawn with equal chance."""
-    shift: float
+    shift: float | jax.Array
     """m, side of the square around the nominal socket in which its offset is uniform."""
     friction: float
     """Sliding friction coefficient before its factor."""
@@ -57,7 +58,7 @@ def draw(
     return (
         PhysicsState(qpos=qpos, qvel=jnp.zeros_like(qpos), warmstart=jnp.zeros_like(qpos)),
         Surroundings(
-            shape=shapes[jax.random.randint(shape_key, (count,), 0, len(shapes))],
+            shape=shapes[jax.random.randint(shape_key, (count,), 0, shapes.size)],
             socket_offset=jax.random.uniform(offset_key, (count, 2), minval=-half, maxval=half),
             friction=distribution.friction * factor,
             **_arm(distribution.randomisation, key, count),

@@ -1,0 +1,62 @@
+"""Runs that differ in task and seeds alone: one program can compute all of them side by side."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from crsfd_jax import artefacts, shapes
+from crsfd_jax.config import Config, to_dict
+from crsfd_jax.errors import UserError
+from crsfd_jax.option_names import by_full_name
+
+MARK = "--and"
+"""Between the command lines of two runs."""
+OWN = ("shape", "shift", "seed", "seeds", *(n for n in artefacts.MAY_CHANGE if n != "engine"))
+"""Options that each of them may give a value of its own."""
+
+
+def likeness(config: Config) -> tuple[int, Config]:
+    """Equal for runs that can share a program: their arrays have the same shapes.
+
+    As many shapes are drawn for the episodes of each, and all options but `OWN` are the same.
+    """
+    blank = {name: getattr(Config(), name) for name in OWN}
+    return len(shapes.read(config.shape)), dataclasses.replace(config, **blank)
+
+
+def command_lines(argv: Sequence[str]) -> list[list[str]]:
+    """The command line of each run; only one where `MARK` is not given."""
+    lines: list[list[str]] = [[]]
+    for word in argv:
+        if word == MARK:
+            lines.append([])
+        else:
+            lines[-1].append(word)
+    return lines
+
+
+def require_alike(configs: Sequence[Config]) -> None:
+    """Checks that the runs can share a program and have a folder each.
+
+    Raises:
+      UserError: the first option that differs and may not, or a folder that two have.
+    """
+    first, free = configs[0], ", ".join(f"--{name}" for name in OWN)
+    folders = [Path(config.out).absolute() for config in configs if config.out]
+    for folder in folders:
+        if folders.count(folder) > 1:
+            raise UserError(f"--out: got {folder} twice, allowed: a folder for each run")
+    for config in configs[1:]:
+        if likeness(config) == likeness(first):
+            continue
+        one, other = (by_full_name(to_dict(each)) for each in (first, config))
+        for name in one:
+            if name not in OWN and one[name] != other[name]:
+                raise UserError(
+                    f"--{name.replace('_', '-')}: got {one[name]} and {other[name]}, allowed to "
+                    f"differ beside {MARK}: {free}; train the runs apart"
+                )
+        raise UserError(
+            f"--shape: got {first.shape} and {config.shape}, allowed beside {MARK}: as many shapes "
+            "on either side; train the runs apart"
+        )
