@@ -138,9 +138,13 @@ def test_each_effect_is_drawn_for_itself_and_leaves_the_others_as_they_were(pool
     assert len(np.unique(seed)) > COUNT - 10
 
 
+def _ranges(ends):
+    return list(zip(ends[::2], ends[1::2], strict=True))
+
+
 def test_the_held_out_ranges_share_nothing_with_those_of_training():
     for name in ("friction", "stiffness", "damping", "encoder_offset"):
-        (low, high), ends = getattr(TRAINING, name), getattr(HELD_OUT, name)
-        assert all(b <= low or a >= high for a, b in zip(ends[::2], ends[1::2], strict=True)), name
+        own, others = (_ranges(getattr(each, name)) for each in (HELD_OUT, TRAINING))
+        assert all(b <= low or a >= high for a, b in own for low, high in others), name
     assert HELD_OUT.position_noise > TRAINING.position_noise > 0
     assert HELD_OUT.rotation_noise > TRAINING.rotation_noise > 0
