@@ -18,9 +18,10 @@ from crsfd_jax.interrupt import Interrupt
 from crsfd_jax.limits import Interval
 from crsfd_jax.progress import say
 from crsfd_jax.sweeps import attempt, cells, local_pool, ray_tasks, slurm_array, state
-from crsfd_jax.sweeps.attempt import Outcome, Plan
+from crsfd_jax.sweeps.attempt import Group, Outcome, Plan
 from crsfd_jax.sweeps.cells import Cell
 from crsfd_jax.sweeps.slurm_array import Slurm
+from crsfd_jax.together import likeness
 
 _WAIT_S = 2.0
 """Between two looks at cells that another sweep runs."""
@@ -45,6 +46,9 @@ class Sweep:
     """What runs the cells: processes of this machine, a Ray cluster, or a SLURM job array."""
     workers: Annotated[int, Interval(1, 10_000)] = 1
     """Cells at a time, each with its share of the CPU cores; one for each core is fastest."""
+    together: Annotated[int, Interval(1, 1000)] = 1
+    """Cells in one program, of those that differ in shape, shift and seeds alone; it may help where
+    one run leaves a GPU idle, and does not on a CPU."""
     retries: Annotated[int, Interval(0, 100)] = 1
     """How often a cell that fails is continued before it is given up."""
     gpus: Annotated[float, Interval(0, 64)] = 0.0
@@ -75,12 +79,12 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
     say(f"{experiment.name}: {experiment.description}")
     say(f"{len(chosen)} of {len(experiment.cells)} cells, in {plan.out}")
     if options.status or options.dry_run:
-        _show(chosen, plan, options.dry_run)
+        _show(chosen, plan, options.together if options.dry_run else 0)
         return DONE
-    return _work(chosen, plan, _runner(options, plan))
+    return _work(chosen, plan, _runner(options, plan), options.together)
 
 
-Runner = Callable[[Sequence[Cell], Callable[[], bool]], Iterator[Outcome]]
+Runner = Callable[[Sequence[Group], Callable[[], bool]], Iterator[Outcome]]
 
 
 def _runner(options: Sweep, plan: Plan) -> Runner:
@@ -92,13 +96,27 @@ def _runner(options: Sweep, plan: Plan) -> Runner:
     return lambda todo, stop: slurm_array.run(todo, plan, places, gpus, options.slurm, stop)
 
 
+def grouped(free: Sequence[Cell], out: Path, most: int) -> list[Group]:
+    """Cells that go together, at most so many: alike, and as far as each other."""
+    alike: dict[tuple, list[Cell]] = {}
+    for cell in free:
+        key = likeness(cell.config), state.saved_step(out / cell.name)
+        alike.setdefault(key, []).append(cell)
+    groups = [
+        tuple(cells[start : start + most])
+        for cells in alike.values()
+        for start in range(0, len(cells), most)
+    ]
+    return sorted(groups, key=lambda group: free.index(group[0]))
+
+
 def _memory_shares(options: Sweep) -> tuple[tuple[str, str], ...]:
     """jax takes most of a GPU's memory at its start unless it is told its share."""
     share = 1 / options.workers if options.runner == "local" else options.gpus
     return (("XLA_PYTHON_CLIENT_MEM_FRACTION", f"{0.9 * share:.3f}"),) if 0 < share < 1 else ()
 
 
-def _work(chosen: Sequence[Cell], plan: Plan, runner: Runner) -> int:
+def _work(chosen: Sequence[Cell], plan: Plan, runner: Runner, together: int) -> int:
     """Runs cells until each has ended, waiting for those that another sweep has."""
     ended: dict[str, Outcome] = {}
     waited = False
@@ -109,7 +127,8 @@ def _work(chosen: Sequence[Cell], plan: Plan, runner: Runner) -> int:
                 if words[cell] == "done" and cell.name not in ended:
                     ended[cell.name] = Outcome(cell.name, "done")
             free = [c for c in chosen if c.name not in ended and words[c] != "running"]
-            for outcome in runner(free, lambda: interrupt.requested) if free else ():
+            groups = grouped(free, plan.out, together)
+            for outcome in runner(groups, lambda: interrupt.requested) if groups else ():
                 if outcome.word != "busy":
                     ended[outcome.name] = outcome
                     say(f"[{len(ended)}/{len(chosen)}] {outcome.word:7s} {outcome.name}")
@@ -139,9 +158,12 @@ def _summarise(
     return MISSED if failed else DONE
 
 
-def _show(chosen: Sequence[Cell], plan: Plan, with_commands: bool) -> None:
-    """A line for each cell, and the command of each that would run."""
+def _show(chosen: Sequence[Cell], plan: Plan, together: int) -> None:
+    """A line for each cell, and the commands that would run so many at a time, if any."""
     states = [state.read(plan.out, cell) for cell in chosen]
+    words = {cell: at.word for cell, at in zip(chosen, states, strict=True)}
+    free = [cell for cell in chosen if together and words[cell] not in ("done", "running")]
+    groups = {group[0]: group for group in grouped(free, plan.out, together)}
     width = max(len(cell.name) for cell in chosen)
     say(f"{'cell':{width}s}  state    env steps          success  wall min")
     for cell, at in zip(chosen, states, strict=True):
@@ -149,9 +171,8 @@ def _show(chosen: Sequence[Cell], plan: Plan, with_commands: bool) -> None:
         success = "" if at.success is None else f"{at.success:.3f}"
         minutes = f"{at.wall_s / 60:.1f}" if at.wall_s else ""
         say(f"{cell.name:{width}s}  {at.word:7s}  {steps:17s}  {success:>7s}  {minutes:>8s}")
-        if with_commands and at.word not in ("done", "running"):
-            parts = (*plan.command, *cell.arguments, "--out", str(plan.out / cell.name))
-            say(f"    {shlex.join(parts)}")
+        if cell in groups:
+            say(f"    {shlex.join(attempt.command_of(groups[cell], plan))}")
     counts = Counter(at.word for at in states)
     say(", ".join(f"{count} {word}" for word, count in counts.items()))
 

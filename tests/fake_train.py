@@ -8,7 +8,7 @@ import os
 import signal
 import time
 
-from crsfd_jax import artefacts, cli, metrics
+from crsfd_jax import artefacts, cli, metrics, together
 from crsfd_jax.config import Config, smoke_sized
 from crsfd_jax.errors import DONE, STOPPED, UserError
 from crsfd_jax.interrupt import Interrupt
@@ -17,7 +17,13 @@ STEP = 1024
 
 
 def run(argv: list[str]) -> int:
-    config = smoke_sized(cli.parse(Config, argv))
+    lines = together.command_lines(argv)
+    configs = [smoke_sized(cli.parse(Config, line)) for line in lines]
+    together.require_alike(configs)
+    return max(run_one(config, argv) for config in configs)
+
+
+def run_one(config: Config, argv: list[str]) -> int:
     with artefacts.open_run(config.out, config, "fake", argv) as folder, Interrupt() as interrupt:
         with (folder.path / "starts").open("a") as starts:
             starts.write(f"{os.getpid()}\n")

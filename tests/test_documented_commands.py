@@ -76,6 +76,7 @@ IN_ORDER = {
 """Commands in an order in which each finds its files, and what makes them small."""
 SWEEPS = (
     f"{SWEEP} setting1 --dry-run",
+    f"{SWEEP} setting1 --together 4 --dry-run",
     f"{SWEEP} setting1 --only 'crsfd-shape2*'",
     f"{SWEEP} setting1 --status",
     f"{SWEEP} setting1 --workers 2",
@@ -101,6 +102,7 @@ NOT_RUN = {
     "pip install 'crsfd-jax[cuda]'": "gigabytes, for NVIDIA GPUs",
     "pip install 'crsfd-jax[cuda,warp]'": "gigabytes, for NVIDIA GPUs",
     "pip install -e '.[cuda]'": "gigabytes, for NVIDIA GPUs",
+    f"{TRAIN} --shape 1 --and --shape 3 --shift 8mm": "two whole runs; test_sweep.py has a pair",
     f"{TRAIN} --shape 2 --engine warp --envs 1024": "needs an NVIDIA GPU",
     f"{SWEEP} setting1 --runner slurm --workers 16 --gpus 1 --slurm.partition gpu "
     "--slurm.minutes 240 --slurm.cores 8": "needs a SLURM cluster; test_sweep.py has a stand-in",

@@ -295,9 +295,47 @@ def test_a_run_started_by_hand_is_left_alone(file, out, monkeypatch):
     process = subprocess.Popen([*FAKE, *cell.arguments, "--out", str(out / cell.name)])
     wait_for(lambda: (out / cell.name / "metrics.csv").is_file())
     assert state.read(out, cell).word == "running"
-    assert attempt.run_cell(cell, Plan(out, FAKE)).word == "busy"
+    assert [end.word for end in attempt.run_group((cell,), Plan(out, FAKE))] == ["busy"]
     assert process.wait(timeout=60) == 0
     assert starts(out, cell.name) == [process.pid]
+
+
+def test_alike_cells_share_a_process(file, out, capsys):
+    assert swept(file, "--together", "2", "--dry-run") == 0
+    printed = capsys.readouterr().out
+    assert f"--shape 1 --out {out / NAMES[0]} --and --smoke --shape 2 --out" in printed
+    assert printed.count("fake_train.py") == 2
+    assert swept(file, "--together", "2") == 0
+    owners = [starts(out, name) for name in NAMES]
+    assert owners[0] == owners[1] != owners[2] and list(map(len, owners)) == [1, 1, 1]
+    for name in NAMES:
+        assert_whole(out, name)
+    assert f"in one program with {NAMES[0]}" in (out / f"{NAMES[1]}.log").read_text()
+
+
+def test_cells_that_differ_in_more_than_their_task_or_stand_elsewhere_are_apart(file, out):
+    first, second, third = cells.load(str(file)).cells
+    other = third._replace(config=replace(third.config, algorithm="sac"))
+    assert sweep.grouped([first, other, second], out, 3) == [(first, second), (other,)]
+    assert sweep.grouped([first, other, second], out, 1) == [(first,), (other,), (second,)]
+    (out / second.name / "checkpoints" / "16").mkdir(parents=True)
+    assert sweep.grouped([first, second, third], out, 3) == [(first, third), (second,)]
+
+
+def test_a_wrong_cell_does_not_take_those_beside_it_down(file, out, monkeypatch, capsys):
+    monkeypatch.setenv("FAKE_FAIL", f"{NAMES[1]} usage")
+    assert swept(file, "--together", "3") == 1
+    assert "2 done, 1 failed" in capsys.readouterr().out
+    assert_whole(out, NAMES[0])
+    assert_whole(out, NAMES[2])
+
+
+def test_a_killed_group_is_tried_again(file, out, monkeypatch):
+    monkeypatch.setenv("FAKE_FAIL", f"{NAMES[1]} once")
+    assert swept(file, "--together", "3") == 0
+    assert [len(starts(out, name)) for name in NAMES] == [1, 2, 1]
+    for name in NAMES:
+        assert_whole(out, name)
 
 
 def test_ray_runs_and_retries_cells(file, out, monkeypatch):
@@ -312,7 +350,15 @@ def test_slurm_jobs_run_cells(file, out):
     chosen = cells.load(str(file)).cells[:2]
     asked = slurm_array.Slurm(minutes=5, cores=1)
     ended = list(
-        slurm_array.run(chosen, Plan(out, FAKE), 2, 0.0, asked, lambda: False, cluster="local")
+        slurm_array.run(
+            [chosen],
+            Plan(out, FAKE),
+            2,
+            0.0,
+            asked,
+            lambda: False,
+            cluster="local",
+        )
     )
     assert sorted((outcome.name, outcome.word) for outcome in ended) == [
         (name, "done") for name in NAMES[:2]
@@ -329,12 +375,13 @@ def test_a_missing_runner_is_named_with_its_extra(file, monkeypatch, runner, ext
 
 
 @pytest.mark.slow
-def test_a_sweep_trains(file, out):
+def test_a_sweep_trains_cells_together(file, out):
     (file.parent / "one.py").write_text(
-        "CELLS = (('--smoke', '--steps', '2048', '--potential.steps', '50'),)"
+        "SMALL = '--smoke', '--steps', '2048', '--potential.steps', '50'\n"
+        "CELLS = (*SMALL, '--shape', '1'), (*SMALL, '--shape', '3', '--shift', '8mm')"
     )
-    command = [sys.executable, "-m", "crsfd_jax.sweep", "--experiment", "one.py"]
+    command = [sys.executable, "-m", "crsfd_jax.sweep", "--experiment", "one.py", "--together", "2"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
-    cell = cells.load("one.py").cells[0]
-    assert state.read(out.parent / "one", cell).word == "done"
+    for cell in cells.load("one.py").cells:
+        assert state.read(out.parent / "one", cell).word == "done"

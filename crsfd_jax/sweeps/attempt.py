@@ -1,14 +1,15 @@
-"""A cell run to its end in a process of its own, tried again where that may help."""
+"""Cells run to their end in a process, tried again where that may help."""
 
+import contextlib
 import os
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 
-from crsfd_jax import artefacts
+from crsfd_jax import artefacts, together
 from crsfd_jax.errors import DONE, STOPPED, USAGE
 from crsfd_jax.sweeps import state
 from crsfd_jax.sweeps.cells import Cell
@@ -39,44 +40,92 @@ class Outcome(NamedTuple):
     """Last lines of the log of a cell that failed."""
 
 
-def run_cell(cell: Cell, plan: Plan, stopping: Callable[[], bool] = lambda: False) -> Outcome:
-    """Runs or continues a cell, unless it is finished or somebody else has it.
+Group = tuple[Cell, ...]
+"""Cells that share a process and, where they are several, a program."""
+Stopping = Callable[[], bool]
+
+
+def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> list[Outcome]:
+    """Runs or continues cells, but for those that are finished or that somebody else has.
 
     Args:
-      stopping: asked several times a second; once it is true, the run saves and ends.
+      stopping: asked several times a second; once it is true, the runs save and end.
     """
     plan.out.mkdir(parents=True, exist_ok=True)
-    folder, log = plan.out / cell.name, state.log_path(plan.out, cell)
-    if state.is_finished(folder, cell.config):
+    outcomes: list[Outcome] = []
+    with contextlib.ExitStack() as stack:
+        logs: dict[Cell, BinaryIO] = {}
+        for cell in group:
+            if _is_finished(cell, plan):
+                outcomes.append(Outcome(cell.name, "done"))
+                continue
+            log = stack.enter_context(state.claimed(state.log_path(plan.out, cell)))
+            if log is None or _is_held(cell, plan):
+                outcomes.append(Outcome(cell.name, "busy"))
+            else:
+                logs[cell] = log
+        return outcomes + (_run_to_end(logs, plan, stopping) if logs else [])
+
+
+def _run_to_end(logs: dict[Cell, BinaryIO], plan: Plan, stopping: Stopping) -> list[Outcome]:
+    lines: list[str] = []
+    code = None
+    for attempt in range(plan.retries + 1):
+        # Another sweep may have finished some before this one had their locks.
+        left = {cell: log for cell, log in logs.items() if not _is_finished(cell, plan)}
+        if not left or stopping():
+            break
+        log = state.log_path(plan.out, next(iter(left)))
+        start = log.stat().st_size
+        code = _run(left, plan, attempt, stopping)
+        if code in (DONE, STOPPED) or any(_is_held(cell, plan) for cell in left):
+            break
+        if code == USAGE and len(left) > 1:
+            # One of them may be what is wrong, or that they are together.
+            return [end for cell in logs for end in _run_to_end({cell: logs[cell]}, plan, stopping)]
+        lines = state.tail(log, start)
+        if code == USAGE:
+            break
+    return [_ended(cell, logs[cell], plan, code, stopping(), lines) for cell in logs]
+
+
+def _ended(
+    cell: Cell, log: BinaryIO, plan: Plan, code: int | None, is_stopping: bool, lines: list[str]
+) -> Outcome:
+    if code == DONE or _is_finished(cell, plan):
         return Outcome(cell.name, "done")
-    with state.claimed(log) as stream:
-        if stream is None or state.is_held(folder / artefacts.LOCK):
-            return Outcome(cell.name, "busy")
-        for attempt in range(plan.retries + 1):
-            # Another sweep may have finished it before this one had its lock.
-            if state.is_finished(folder, cell.config):
-                return Outcome(cell.name, "done")
-            if stopping():
-                return Outcome(cell.name, "stopped")
-            start = log.stat().st_size
-            code = _run(cell, plan, attempt, stream, stopping)
-            if code == DONE or state.is_finished(folder, cell.config):
-                return Outcome(cell.name, "done")
-            if code == STOPPED or stopping():
-                return Outcome(cell.name, "stopped")
-            if state.is_held(folder / artefacts.LOCK):
-                return Outcome(cell.name, "busy")
-            lines = state.tail(log, start)
-            if code == USAGE:
-                break
-        _write(stream, f"{state.GAVE_UP} with exit code {code}")
+    if code == STOPPED or is_stopping:
+        return Outcome(cell.name, "stopped")
+    if _is_held(cell, plan):
+        return Outcome(cell.name, "busy")
+    _write(log, f"{state.GAVE_UP} with exit code {code}")
     return Outcome(cell.name, "failed", (*lines, f"exit code {code}"))
 
 
-def _run(cell: Cell, plan: Plan, attempt: int, log: BinaryIO, stopping: Callable[[], bool]) -> int:
-    """One process, from its start to its end."""
-    command = [*plan.command, *cell.arguments, "--out", str(plan.out / cell.name)]
-    _write(log, f"sweep: attempt {attempt + 1} of {plan.retries + 1}: {shlex.join(command)}")
+def _is_finished(cell: Cell, plan: Plan) -> bool:
+    return state.is_finished(plan.out / cell.name, cell.config)
+
+
+def _is_held(cell: Cell, plan: Plan) -> bool:
+    return state.is_held(plan.out / cell.name / artefacts.LOCK)
+
+
+def command_of(group: Sequence[Cell], plan: Plan) -> list[str]:
+    """The command that trains cells."""
+    words: list[str] = []
+    for cell in group:
+        words += [together.MARK, *cell.arguments, "--out", str(plan.out / cell.name)]
+    return [*plan.command, *words[1:]]
+
+
+def _run(logs: dict[Cell, BinaryIO], plan: Plan, attempt: int, stopping: Stopping) -> int:
+    """One process, from its start to its end; it writes to the first log."""
+    command = command_of(tuple(logs), plan)
+    (first, log), *others = logs.items()
+    said = f"sweep: attempt {attempt + 1} of {plan.retries + 1}"
+    _write(log, f"{said}: {shlex.join(command)}")
+    for _, other in others:
+        _write(other, f"{said}: in one program with {first.name}, see its log")
     # In a session of its own, Ctrl-C on a terminal reaches it through `stopping` alone.
     process = subprocess.Popen(
         command,

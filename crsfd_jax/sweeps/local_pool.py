@@ -4,19 +4,18 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
-from crsfd_jax.sweeps.attempt import Outcome, Plan, run_cell
-from crsfd_jax.sweeps.cells import Cell
+from crsfd_jax.sweeps.attempt import Group, Outcome, Plan, run_group
 
 
 def run(
-    cells: Sequence[Cell], plan: Plan, workers: int, stopping: Callable[[], bool]
+    groups: Sequence[Group], plan: Plan, workers: int, stopping: Callable[[], bool]
 ) -> Iterator[Outcome]:
-    """Yields what became of each cell as soon as it is known."""
+    """Yields what became of each cell as soon as its group has ended."""
     shares = iter(_core_shares(workers))
     with ThreadPoolExecutor(workers, initializer=lambda: _stay_on(next(shares))) as pool:
-        futures = [pool.submit(run_cell, cell, plan, stopping) for cell in cells]
+        futures = [pool.submit(run_group, group, plan, stopping) for group in groups]
         for future in as_completed(futures):
-            yield future.result()
+            yield from future.result()
 
 
 def _core_shares(workers: int) -> list[list[int]]:

@@ -6,22 +6,21 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from crsfd_jax import extras
-from crsfd_jax.sweeps.attempt import Outcome, Plan, run_cell
-from crsfd_jax.sweeps.cells import Cell
+from crsfd_jax.sweeps.attempt import Group, Outcome, Plan, run_group
 
 _POLL_S = 0.5
 
 
 def run(
-    cells: Sequence[Cell],
+    groups: Sequence[Group],
     plan: Plan,
     workers: int,
     gpus: float,
     stopping: Callable[[], bool],
 ) -> Iterator[Outcome]:
-    """Yields what became of each cell as soon as it is known.
+    """Yields what became of each cell as soon as its group has ended.
 
-    With RAY_ADDRESS set, a cell is a task of that cluster; otherwise Ray starts here, with
+    With RAY_ADDRESS set, a group is a task of that cluster; otherwise Ray starts here, with
     `workers` places.
 
     Raises:
@@ -36,8 +35,8 @@ def run(
     # Ray takes the signal for itself.
     signal.signal(signal.SIGTERM, on_terminate)
     try:
-        task = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=plan.retries)(run_cell)
-        names = {task.remote(cell, plan): cell.name for cell in cells}
+        task = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=plan.retries)(run_group)
+        names = {task.remote(group, plan): [c.name for c in group] for group in groups}
         waiting, cancelled = list(names), False
         while waiting:
             ready, waiting = ray.wait(waiting, timeout=_POLL_S)
@@ -46,17 +45,18 @@ def run(
                 for reference in waiting:
                     ray.cancel(reference)
             for reference in ready:
-                yield _outcome(names[reference], reference)
+                yield from _outcomes(names[reference], reference)
     finally:
         ray.shutdown()
 
 
-def _outcome(name: str, reference: Any) -> Outcome:
+def _outcomes(names: list[str], reference: Any) -> list[Outcome]:
     import ray
 
     try:
         return ray.get(reference)
     except (ray.exceptions.TaskCancelledError, KeyboardInterrupt):
-        return Outcome(name, "stopped")
+        return [Outcome(name, "stopped") for name in names]
     except ray.exceptions.RayError as error:
-        return Outcome(name, "failed", tuple(str(error).splitlines()[-5:]))
+        lines = tuple(str(error).splitlines()[-5:])
+        return [Outcome(name, "failed", lines) for name in names]

@@ -10,8 +10,7 @@ from crsfd_jax import extras
 from crsfd_jax.errors import UserError
 from crsfd_jax.interrupt import Interrupt
 from crsfd_jax.limits import Interval
-from crsfd_jax.sweeps.attempt import Outcome, Plan, run_cell
-from crsfd_jax.sweeps.cells import Cell
+from crsfd_jax.sweeps.attempt import Group, Outcome, Plan, run_group
 
 _POLL_S = 2.0
 _TIMEOUTS = 100
@@ -33,24 +32,24 @@ class Slurm:
 
 
 class Job(NamedTuple):
-    """A cell as submitit wants it: called in the job, `checkpoint` says how to go on."""
+    """A group as submitit wants it: called in the job, `checkpoint` says how to go on."""
 
-    cell: Cell
+    group: Group
     plan: Plan
 
-    def __call__(self) -> Outcome:
+    def __call__(self) -> list[Outcome]:
         with Interrupt() as interrupt:
-            return run_cell(self.cell, self.plan, lambda: interrupt.requested)
+            return run_group(self.group, self.plan, lambda: interrupt.requested)
 
     def checkpoint(self) -> Any:
-        """Called when the time is up; the cell finds its own place in its run folder."""
+        """Called when the time is up; cells find their own place in their run folders."""
         from submitit.helpers import DelayedSubmission
 
         return DelayedSubmission(self)
 
 
 def run(
-    cells: Sequence[Cell],
+    groups: Sequence[Group],
     plan: Plan,
     workers: int,
     gpus: float,
@@ -58,13 +57,13 @@ def run(
     stopping: Callable[[], bool],
     cluster: str = "slurm",
 ) -> Iterator[Outcome]:
-    """Submits an array of the cells, `workers` at a time, and waits for it.
+    """Submits an array of the groups, `workers` at a time, and waits for it.
 
     Args:
       cluster: submitit's name of what runs the jobs.
 
     Yields:
-      What became of each cell, as soon as it is known.
+      What became of each cell, as soon as its group has ended.
 
     Raises:
       UserError: submitit is not installed, or there is no SLURM here.
@@ -89,22 +88,23 @@ def run(
     )
     plan = plan._replace(command=(*_KEEP_WARNING, *plan.command))
     with executor.batch():
-        jobs = {cell.name: executor.submit(Job(cell, plan)) for cell in cells}
+        jobs = {group: executor.submit(Job(group, plan)) for group in groups}
     cancelled = False
     while jobs:
         if stopping() and not cancelled:
             cancelled = True
             for job in jobs.values():
                 job.cancel()
-        for name in [name for name, job in jobs.items() if job.done()]:
-            yield _outcome(name, jobs.pop(name), cancelled)
+        for group in [group for group, job in jobs.items() if job.done()]:
+            yield from _outcomes(group, jobs.pop(group), cancelled)
         time.sleep(_POLL_S if jobs else 0)
 
 
-def _outcome(name: str, job: Any, cancelled: bool) -> Outcome:
+def _outcomes(group: Group, job: Any, cancelled: bool) -> list[Outcome]:
     error = job.exception()
     if error is None:
         return job.result()
     if cancelled:
-        return Outcome(name, "stopped")
-    return Outcome(name, "failed", tuple(str(error).strip().splitlines()[-5:]))
+        return [Outcome(cell.name, "stopped") for cell in group]
+    lines = tuple(str(error).strip().splitlines()[-5:])
+    return [Outcome(cell.name, "failed", lines) for cell in group]
