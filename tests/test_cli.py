@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from crsfd_jax import cli
-from crsfd_jax.config import ALGORITHMS, Config, Sac, run_name, to_dict
+from crsfd_jax.config import ALGORITHMS, Config, Replay, Sac, run_name, to_dict
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import Interval, check_limits
 from crsfd_jax.validation import validate
@@ -170,6 +170,14 @@ def test_a_configuration_made_in_python_is_checked_like_one_from_the_command_lin
         validate(Config(sac=Sac(hidden=())))
     with pytest.raises(UserError, match=r"--engine: got 'foo'"):
         check_limits(Config(engine="foo"))  # type: ignore[arg-type]
+
+
+def test_values_fit_each_other_in_the_size_that_is_run():
+    validate(Config(smoke=True, steps=1024))
+    with pytest.raises(UserError, match=r"--sac.warmup-steps: got 512, allowed: below --steps"):
+        validate(Config(smoke=True, steps=400))
+    with pytest.raises(UserError, match=r"--replay.capacity: got"):
+        validate(Config(smoke=True, replay=Replay(capacity=-64)))
 
 
 def test_a_run_is_named_by_what_tells_it_apart():
