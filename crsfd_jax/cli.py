@@ -6,6 +6,7 @@ Imports neither jax nor mujoco, so that a bad command line is answered at once.
 
 import contextlib
 import io
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -63,6 +64,10 @@ def main(function: Callable[[list[str]], int | None]) -> None:
     except KeyboardInterrupt:
         print("stopped; the same command starts again", file=sys.stderr)
         code = STOPPED
+    except BrokenPipeError:
+        # Whoever read the output is gone, as in `--help | head`; the rest must not reach it either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
     sys.exit(code or 0)
 
 

@@ -147,7 +147,11 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Config:
-    """Learns to insert a peg from demonstrations of another insertion task."""
+    """Learns to insert a peg from demonstrations of another insertion task.
+
+    `--and` between two command lines trains both runs in one program; they may differ in shape,
+    shift and seeds.
+    """
 
     shape: Shape = "2"
     """Peg and socket: 0, 1, 2, 3, 4, a text file with a grid of # and ., all, or several such as
@@ -231,6 +235,11 @@ def run_name(config: Config) -> str:
         task += "-randomised"
     name = f"{config.algorithm}-{task}-seed{config.seed}x{config.seeds}"
     return f"{name}-smoke" if config.smoke else name
+
+
+def run_folder(config: Config) -> str:
+    """Where a run lies: --out, or a name of its own under runs/."""
+    return config.out or f"runs/{run_name(config)}"
 
 
 def smoke_sized(config: Config) -> Config:

@@ -15,7 +15,7 @@ from jax.sharding import Mesh
 
 from crsfd_jax import algorithms, chunk, device, evaluation, shapes, spread, task, train_step
 from crsfd_jax.algorithms.method import Preparation
-from crsfd_jax.config import Config, run_name
+from crsfd_jax.config import Config, run_folder
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
@@ -52,7 +52,7 @@ def fitted(config: Config) -> Config:
     """
     made = total_steps(config) * config.envs
     replay = dataclasses.replace(config.replay, capacity=min(config.replay.capacity, made))
-    return dataclasses.replace(config, replay=replay, out=config.out or f"runs/{run_name(config)}")
+    return dataclasses.replace(config, replay=replay, out=run_folder(config))
 
 
 def total_steps(config: Config) -> int:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from crsfd_jax import artefacts, shapes
-from crsfd_jax.config import Config, to_dict
+from crsfd_jax.config import Config, run_folder, to_dict
 from crsfd_jax.errors import UserError
 from crsfd_jax.option_names import by_full_name
 
@@ -42,7 +42,7 @@ def require_alike(configs: Sequence[Config]) -> None:
       UserError: the first option that differs and may not, or a folder that two have.
     """
     first, free = configs[0], ", ".join(f"--{name}" for name in OWN)
-    folders = [Path(config.out).absolute() for config in configs if config.out]
+    folders = [Path(run_folder(config)).absolute() for config in configs]
     for folder in folders:
         if folders.count(folder) > 1:
             raise UserError(f"--out: got {folder} twice, allowed: a folder for each run")

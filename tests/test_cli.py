@@ -1,6 +1,7 @@
 """The command line: what is accepted, and the one line that answers everything else."""
 
 import dataclasses
+import os
 import math
 import subprocess
 import sys
@@ -109,6 +110,15 @@ def test_help_lists_every_option_and_ends_with_exit_code_0():
     assert result.returncode == 0 and result.stderr == ""
     for option in ("--shape", "--shift", "--sac.learning-rate", "--potential.terminal"):
         assert option in result.stdout
+
+
+def test_help_that_nobody_reads_to_its_end_is_no_error():
+    command = [sys.executable, "-m", "crsfd_jax.train", "--help"]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, timeout=60)
+    os.close(writer)
+    assert done.stderr == b""
 
 
 def test_the_error_of_a_program_becomes_its_exit_code_and_one_line(monkeypatch, capsys):
