@@ -1,8 +1,8 @@
 """The command line: what is accepted, and the one line that answers everything else."""
 
 import dataclasses
-import os
 import math
+import os
 import subprocess
 import sys
 import typing
