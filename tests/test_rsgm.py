@@ -47,7 +47,7 @@ def make_potential() -> wgan.Potential:
 
 
 def phi(potential, obs, action):
-    return wgan.evaluate(potential, jnp.concatenate([obs, action], axis=-1))
+    return rsgm.WEIGHT * wgan.evaluate(potential, jnp.concatenate([obs, action], axis=-1))
 
 
 def explicit_targets(potential, agent, batch, key):
@@ -102,7 +102,7 @@ def test_the_potential_is_high_on_unseen_demonstrations_low_elsewhere_and_never_
     preparation = Preparation(demos=seen, free_space=probe_env.free_space)
     fit = jax.jit(lambda key: rsgm.prepare(key, preparation, QUICK))
     potential = fit(jax.random.key(0))
-    evaluate = jax.jit(lambda obs, action: phi(potential, obs, action))
+    evaluate = jax.jit(lambda obs, action: phi(potential, obs, action) / rsgm.WEIGHT)
     any_action = jax.random.uniform(jax.random.key(1), unseen.action.shape, minval=-1.0)
     on_demos = evaluate(unseen.obs, unseen.action)
     off_action = evaluate(unseen.obs, any_action)

@@ -22,6 +22,8 @@ from crsfd_jax.config import Config
 from crsfd_jax.learn import wgan
 from crsfd_jax.learn.networks import Critic, Networks, Params, apply
 
+WEIGHT = 0.3
+"""Largest potential; 0.1 learned as soon, 1 later, 3 not at all (docs/method.md)."""
 SPREAD = 0.5
 """Standard deviation of the noise on half of the foils, in units of an observation."""
 
@@ -33,9 +35,9 @@ class ShapedCritic(NamedTuple):
     potential: wgan.Potential
 
     def apply(self, params: Params, obs: jax.Array, action: jax.Array) -> jax.Array:
-        """Q [N, ...] = Q' + Phi."""
+        """Q [N, ...] = Q' + Phi, which is at most `WEIGHT`."""
         phi = wgan.evaluate(self.potential, _pairs(obs, action))
-        return apply(self.critic, params, obs, action) + phi
+        return apply(self.critic, params, obs, action) + WEIGHT * phi
 
 
 def prepare(key: jax.Array, preparation: Preparation, config: Config) -> wgan.Potential:
