@@ -2,7 +2,8 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -13,7 +14,6 @@ from crsfd_jax import (
     checkpoints,
     clips,
     divergence,
-    evaluation,
     loggers,
     metrics,
     outcome,
@@ -23,6 +23,10 @@ from crsfd_jax import (
     troubles,
 )
 from crsfd_jax.config import Config
+from crsfd_jax.errors import UserError
+from crsfd_jax.evaluation import Episodes
+from crsfd_jax.learn.networks import Params
+from crsfd_jax.learn.sac import AgentState
 from crsfd_jax.progress import say
 from crsfd_jax.report import curves
 from crsfd_jax.standing import Standing
@@ -50,10 +54,37 @@ class Run(NamedTuple):
         return len(self.at.diverged) == self.config.seeds
 
 
-def own(run: Run, tree: Any) -> Any:
-    """The run's part [S] of what holds the seeds of all, in every process."""
-    whole = spread.collect(tree)
+def own(run: Run, whole: Any) -> Any:
+    """The run's part [S] of what holds the seeds of all."""
     return whole if run.seeds is None else jax.tree.map(lambda x: x[run.seeds], whole)
+
+
+def restored(
+    folders: Sequence[artefacts.RunFolder], parts: Sequence[slice | None], like: TrainState
+) -> list[checkpoints.Checkpoint | None]:
+    """The newest checkpoints of runs, all of one step: a stop may come between two folders.
+
+    Args:
+      parts: each run's own seeds among those of `like`; None for all.
+      like: the structure of the states.
+
+    Raises:
+      UserError: they have no intact step in common.
+    """
+    while True:
+        saved = [set(checkpoints.steps(folder.checkpoints)) for folder in folders]
+        common = set.intersection(*saved)
+        if any(saved) and not common:
+            pairs = zip(folders, saved, strict=True)
+            stand = " and ".join(f"{folder.path} has {sorted(own)}" for folder, own in pairs)
+            raise UserError(f"no checkpoint of one step: {stand}; go on with each run by itself")
+        most = max(common) if len(folders) > 1 and common else math.inf
+        found = [
+            checkpoints.restore(folder.checkpoints, _part(like, part), most)
+            for folder, part in zip(folders, parts, strict=True)
+        ]
+        if len({each and each.step for each in found}) == 1:
+            return found
 
 
 def add_up(run: Run, step: int, values: dict[str, jax.Array]) -> None:
@@ -62,44 +93,51 @@ def add_up(run: Run, step: int, values: dict[str, jax.Array]) -> None:
     standing.add_up(run.at, own(run, values))
 
 
-def evaluated(run: Run, states: TrainState, played: evaluation.Episodes) -> None:
-    """Looks for seeds that diverged, and writes a row for each seed."""
+def evaluated(run: Run, states: TrainState, agent: AgentState, played: Episodes) -> None:
+    """Looks for seeds that diverged, and writes a row for each seed.
+
+    A run without a seed left has come to its end, whatever those beside it do.
+
+    Args:
+      states: as the devices hold them; agent and played in every process.
+    """
+    if run.is_lost:
+        return
     at, played = run.at, own(run, played)
     at.success = np.asarray(played.success).mean(axis=1).tolist()
-    for index, place in divergence.find(own(run, states.agent), at.sums).items():
+    for index, place in divergence.find(own(run, agent), at.sums).items():
         seed = run.config.seed + index
         if str(seed) not in at.diverged:
-            states = own(run, states)
-            divergence.keep(run.folder.path, states, index, seed, run.env_steps, place)
+            part = own(run, spread.collect(states))
+            divergence.keep(run.folder.path, part, index, seed, run.env_steps, place)
             at.diverged[str(seed)] = run.env_steps
     lengths = np.asarray(played.length).mean(axis=1).tolist()
     metrics.append(run.folder.metrics, standing.rows(run.config, at, lengths))
     at.sums, at.chunks = {}, 0
 
 
-def save(run: Run, states: TrainState) -> None:
-    """Writes a checkpoint; in the first process only."""
-    part = own(run, states)
-    if spread.is_first():
-        checkpoints.save(run.folder.checkpoints, run.at.step, part, dataclasses.asdict(run.at))
+def save(run: Run, whole: TrainState) -> None:
+    """Writes a checkpoint."""
+    extra = dataclasses.asdict(run.at)
+    checkpoints.save(run.folder.checkpoints, run.at.step, own(run, whole), extra)
 
 
-def save_policies(run: Run, states: TrainState) -> None:
+def save_policies(run: Run, actors: Params) -> None:
     """Writes the parameters of the policies."""
-    policy.save(run.folder.path, own(run, states.agent.actor))
+    policy.save(run.folder.path, own(run, actors))
 
 
-def watcher(run: Run, stack: contextlib.ExitStack) -> Callable[[TrainState], None]:
-    """What to call after each evaluation, for the other tools that were asked for."""
+def watcher(run: Run, stack: contextlib.ExitStack) -> Callable[[Params], None]:
+    """What to call with the actors after each evaluation, for the tools that were asked for."""
     config, path = run.config, run.folder.path
     seeds = range(config.seed, config.seed + config.seeds)
     tool = config.log if spread.is_first() else "none"
     log = stack.enter_context(loggers.opened(tool, path, seeds))
     film = clips.recorder(config, path)
 
-    def watch(states: TrainState) -> None:
+    def watch(actors: Params) -> None:
         log()
-        film(own(run, states.agent.actor), run.env_steps)
+        film(own(run, actors), run.env_steps)
 
     return watch
 
@@ -115,3 +153,11 @@ def conclude(run: Run) -> int:
     came_to = outcome.judge(config, at.success, at.diverged, at.wall_s)
     say(came_to.line)
     return came_to.code
+
+
+def _part(like: TrainState, seeds: slice | None) -> TrainState:
+    """The structure of a part of the seeds."""
+    if seeds is None:
+        return like
+    count = seeds.stop - seeds.start
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct((count, *x.shape[1:]), x.dtype), like)

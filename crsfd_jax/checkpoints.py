@@ -91,24 +91,28 @@ def save(folder: Path, step: int, state: Any, extra: dict[str, Any]) -> None:
             _remove_leftovers(folder)
         message = _storage_message(folder, step, stored_bytes(state), error)
         raise UserError(message, STOPPED) from error
-    for old in _steps(folder)[KEEP:]:
+    for old in steps(folder)[KEEP:]:
         _discard(folder / str(old))
 
 
-def restore(folder: Path, like: Any) -> Checkpoint | None:
+def restore(folder: Path, like: Any, at_most: float = math.inf) -> Checkpoint | None:
     """Reads the newest intact checkpoint; None where there has never been one.
 
     A damaged one is renamed to `<step>.damaged`, and a warning names it.
 
     Args:
       like: the state's structure, as arrays or from jax.eval_shape; its shardings are kept.
+      at_most: a step; checkpoints beyond it are forgotten.
 
     Raises:
       UserError: all are damaged, or a checkpoint holds another structure.
     """
     folder = folder.absolute()
     _remove_leftovers(folder)
-    for step in _steps(folder):
+    for step in steps(folder):
+        if step > at_most:
+            _discard(folder / str(step))
+            continue
         try:
             return _read(folder / str(step), step, like)
         except _Damaged as damage:
@@ -198,7 +202,7 @@ def _slot(position: int) -> str:
     return f"{position:05d}"
 
 
-def _steps(folder: Path) -> list[int]:
+def steps(folder: Path) -> list[int]:
     """Steps with a checkpoint, newest first."""
     names = (entry.name for entry in folder.glob("*") if entry.is_dir())
     return sorted((int(n) for n in names if re.fullmatch("0|[1-9][0-9]*", n)), reverse=True)

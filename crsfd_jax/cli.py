@@ -38,6 +38,10 @@ def parse(
         with contextlib.redirect_stderr(complaint):
             start = tyro.MISSING_NONPROP if default is None else default
             config = tyro.cli(config_type, args=list(argv), prog=_program_name(), default=start)
+    except BrokenPipeError:
+        # Of --help, whose reader has gone; what is still in the buffer must not reach it either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
     except SystemExit as stop:
         if stop.code in (None, 0):
             raise
@@ -64,10 +68,6 @@ def main(function: Callable[[list[str]], int | None]) -> None:
     except KeyboardInterrupt:
         print("stopped; the same command starts again", file=sys.stderr)
         code = STOPPED
-    except BrokenPipeError:
-        # Whoever read the output is gone, as in `--help | head`; the rest must not reach it either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 0
     sys.exit(code or 0)
 
 

@@ -22,7 +22,7 @@ LONGEST = 100
 """Control steps of an episode that are shown."""
 
 Recorder = Callable[[Any, int], None]
-"""(actor parameters [S, ...], env_steps) -> None; to be called in every process."""
+"""(actor parameters [S, ...], env_steps) -> None."""
 
 
 def recorder(config: Config, folder: Path) -> Recorder:
@@ -39,11 +39,10 @@ def recorder(config: Config, folder: Path) -> Recorder:
 
     def record(actors: Any, env_steps: int) -> None:
         nonlocal is_working
-        whole = spread.collect(actors)
         if not (is_working and spread.is_first()):
             return
         try:
-            _write(arm()._replace(actors=whole), place / f"{env_steps}.gif")
+            _write(arm()._replace(actors=actors), place / f"{env_steps}.gif")
         # Whatever a graphics driver raises, the run is worth more than its film.
         except Exception as error:
             is_working = False

@@ -11,8 +11,9 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from crsfd_jax import extras, metrics
 
@@ -119,7 +120,7 @@ def _wandb(folder: Path, seeds: range) -> Iterator[Write]:
                     project=os.environ.get("WANDB_PROJECT", "crsfd_jax"),
                     group=folder.name,
                     name=f"{folder.name}-seed{seed}",
-                    id=_identity(folder.name, description["started"], seed),
+                    id=_identity(folder.name, description, seed),
                     config=description["config"] | {"seed": seed},
                     dir=folder,
                     mode=mode,
@@ -145,6 +146,8 @@ def _values(row: Row) -> Row:
     return {name: value for name, value in row.items() if name not in metrics.KEY_COLUMNS}
 
 
-def _identity(name: str, started: str, seed: int) -> str:
-    """Same for all parts of a stopped and resumed run, other for one started anew."""
-    return hashlib.sha256(f"{name} {started} {seed}".encode()).hexdigest()[:16]
+def _identity(name: str, description: Mapping[str, Any], seed: int) -> str:
+    """Same for all parts of a stopped and resumed run, other for one started anew or beside it."""
+    task = [description["config"][option] for option in ("shape", "shift")]
+    words = f"{name} {description['started']} {task} {seed}"
+    return hashlib.sha256(words.encode()).hexdigest()[:16]

@@ -52,8 +52,8 @@ def mesh(seeds: int) -> Mesh:
     processes = jax.process_count()
     if seeds % processes:
         raise UserError(
-            f"--seeds: got {seeds}, allowed with {processes} processes: multiples of {processes}; "
-            "change it or start fewer"
+            f"--seeds: got {seeds} in all, allowed with {processes} processes: multiples of "
+            f"{processes}; change it or start fewer"
         )
     owned = [[d for d in jax.devices() if d.process_index == p] for p in range(processes)]
     most = min(map(len, owned))
@@ -83,7 +83,8 @@ def place(states: Any, mesh: Mesh) -> Any:
     """Lays states [S] that every process holds out over the devices."""
     if mesh.size == 1:
         return states
-    return jax.device_put(states, NamedSharding(mesh, SEEDS))
+    # jax.device_put does not lay typed PRNG keys out over devices of other processes.
+    return jax.jit(lambda x: x, out_shardings=NamedSharding(mesh, SEEDS))(states)
 
 
 def collect(states: Any) -> Any:

@@ -45,14 +45,14 @@ class Sweep:
     runner: Literal["local", "ray", "slurm"] = "local"
     """What runs the cells: processes of this machine, a Ray cluster, or a SLURM job array."""
     workers: Annotated[int, Interval(1, 10_000)] = 1
-    """Cells at a time, each with its share of the CPU cores; one for each core is fastest."""
+    """Processes at a time, each with its share of the CPU cores; one for each core is fastest."""
     together: Annotated[int, Interval(1, 1000)] = 1
-    """Cells in one program, of those that differ in shape, shift and seeds alone; it may help where
-    one run leaves a GPU idle, and does not on a CPU."""
+    """Cells in one process and program, of those that differ in shape, shift and seeds alone; it
+    may help where one run leaves a GPU idle, and does not on a CPU."""
     retries: Annotated[int, Interval(0, 100)] = 1
     """How often a cell that fails is continued before it is given up."""
     gpus: Annotated[float, Interval(0, 64)] = 0.0
-    """GPUs of a cell under ray and slurm; ray takes fractions such as 0.25."""
+    """GPUs of a process under ray and slurm; ray takes fractions such as 0.25."""
     slurm: Slurm = field(default_factory=Slurm)
 
 

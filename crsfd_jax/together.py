@@ -25,13 +25,19 @@ def likeness(config: Config) -> tuple[int, Config]:
 
 
 def command_lines(argv: Sequence[str]) -> list[list[str]]:
-    """The command line of each run; only one where `MARK` is not given."""
+    """The command line of each run; only one where `MARK` is not given.
+
+    Raises:
+      UserError: there is nothing on one side of it.
+    """
     lines: list[list[str]] = [[]]
     for word in argv:
         if word == MARK:
             lines.append([])
         else:
             lines[-1].append(word)
+    if len(lines) > 1 and [] in lines:
+        raise UserError(f"{MARK}: got no option on one side, allowed: a command line on either")
     return lines
 
 

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import artefacts, bookkeeping, checkpoints, device, metrics, spread, standing
+from crsfd_jax import artefacts, bookkeeping, device, metrics, spread, standing
 from crsfd_jax.bookkeeping import Run
 from crsfd_jax.config import Config
 from crsfd_jax.demos.dataset import Demonstrations
@@ -60,8 +60,9 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
         program = build(configs, demos)
         size = stored_bytes(jax.eval_shape(program.start))
         seeds = sum(config.seeds for config in configs)
-        for config, folder in zip(configs, folders, strict=True):
-            artefacts.refuse_full_disk(folder, size * config.seeds // seeds)
+        for folder in folders:
+            # They may lie on one disk.
+            artefacts.refuse_full_disk(folder, size)
         say(f"device    {words}")
         if jax.device_count() > 1:
             devices = f"{program.mesh.size} of {jax.device_count()} devices"
@@ -86,31 +87,35 @@ def run(
     first = runs[0]
     if not _are_over(runs):
         program = _compiled(program, states)
-    began = time.monotonic() - sum(each.at.wall_s for each in runs)
-    saved_at, save_s = time.monotonic(), 0.0
+    clock = saved_at = time.monotonic()
+    save_s = 0.0
     with contextlib.ExitStack() as stack:
         show = stack.enter_context(progress(first.config.steps, first.env_steps))
         watchers = [bookkeeping.watcher(each, stack) for each in runs]
         while not _are_over(runs) and not spread.any_of(interrupt.requested):
             step = first.at.step + CHUNK_STEPS
             states, values = program.advance(states, np.int32(first.at.step))
+            values = spread.collect(values)
             for each in runs:
                 bookkeeping.add_up(each, step, values)
-            _share_time(runs, began)
+            clock = _share_time(runs, clock)
             if step % evaluation_period(first.config) == 0 or step == total_steps(first.config):
+                agent = spread.collect(states.agent)
                 played = program.evaluate(states.agent.actor, np.int32(first.env_steps))
+                played = spread.collect(played)
                 for each, watch in zip(runs, watchers, strict=True):
-                    bookkeeping.evaluated(each, states, played)
-                    watch(states)
+                    bookkeeping.evaluated(each, states, agent, played)
+                    watch(agent.actor)
             show(first.env_steps, [rate for each in runs for rate in each.at.success])
             due = spread.is_first() and save_is_due(save_s, time.monotonic() - saved_at)
             if spread.any_of(due) and not _are_over(runs):
                 save_s = _save(runs, states)
                 saved_at = time.monotonic()
-        _share_time(runs, began)
-        _save(runs, states)
+        _share_time(runs, clock)
+        actors = spread.collect(states.agent.actor)
         for each in runs:
-            bookkeeping.save_policies(each, states)
+            bookkeeping.save_policies(each, actors)
+        _save(runs, states)
     if not _are_over(runs):
         say(f"stopped at {first.env_steps} steps, saved; go on with the same command:")
         say(f"  {_command()}")
@@ -128,9 +133,12 @@ def _are_over(runs: Sequence[Run]) -> bool:
     return finished or all(each.is_lost for each in runs)
 
 
-def _share_time(runs: Sequence[Run], began: float) -> None:
+def _share_time(runs: Sequence[Run], since: float) -> float:
+    """Adds the time since then to those of the runs, as much to each; returns what time it is."""
+    now = time.monotonic()
     for each in runs:
-        each.at.wall_s = (time.monotonic() - began) / len(runs)
+        each.at.wall_s += (now - since) / len(runs)
+    return now
 
 
 def _start_or_resume(configs, program, folders) -> tuple[TrainState, list[Run]]:
@@ -138,11 +146,7 @@ def _start_or_resume(configs, program, folders) -> tuple[TrainState, list[Run]]:
     ends = np.cumsum([config.seeds for config in configs]).tolist()
     seeds = [slice(end - config.seeds, end) for config, end in zip(configs, ends, strict=True)]
     parts = [None] if len(configs) == 1 else seeds
-    found = [
-        checkpoints.restore(folder.checkpoints, _part(like, part))
-        for folder, part in zip(folders, parts, strict=True)
-    ]
-    _require_one_step(folders, found)
+    found = bookkeeping.restored(folders, parts, like)
     if spread.any_of(found[0] is not None):
         states, extras = _told(program, found)
         ats = [standing.from_saved(extra) for extra in extras]
@@ -162,28 +166,13 @@ def _start_or_resume(configs, program, folders) -> tuple[TrainState, list[Run]]:
     return states, runs
 
 
-def _part(like, seeds: slice | None):
-    """The structure of a part of the seeds."""
-    if seeds is None:
-        return like
-    count = seeds.stop - seeds.start
-    return jax.tree.map(lambda x: jax.ShapeDtypeStruct((count, *x.shape[1:]), x.dtype), like)
-
-
-def _require_one_step(folders, found: Sequence[checkpoints.Checkpoint | None]) -> None:
-    steps = [each.step if each else 0 for each in found]
-    for folder, step in zip(folders, steps, strict=True):
-        if step != steps[0]:
-            raise UserError(
-                f"{folder.path} stands at vector step {step}, {folders[0].path} at {steps[0]}, "
-                "expected runs that were saved together; go on with each of them by itself"
-            )
-
-
 def _told(program: Program, found: Sequence) -> tuple[TrainState, list[dict]]:
     """What the first process found in the run folders, in every process."""
+    if jax.process_count() > 1:
+        # Also in the first one: all must collect, or none.
+        blank = spread.collect(program.start())
     if found[0] is None:
-        states, extras = spread.collect(program.start()), []
+        states, extras = blank, []
     elif len(found) == 1:
         states, extras = found[0].state, [found[0].extra]
     else:
@@ -202,9 +191,10 @@ def _compiled(program: Program, states: TrainState) -> Program:
 
 
 def _save(runs: Sequence[Run], states: TrainState) -> float:
-    began = time.monotonic()
-    for each in runs:
-        bookkeeping.save(each, states)
+    began, whole = time.monotonic(), spread.collect(states)
+    if spread.is_first():
+        for each in runs:
+            bookkeeping.save(each, whole)
     return time.monotonic() - began
 
 
@@ -231,7 +221,8 @@ def _memory_reported(folders: Sequence[artefacts.RunFolder]) -> Iterator[None]:
             raise
         raise UserError(
             f"{folders[0].path}: out of memory ({str(error)[:80]}); free some and run the same "
-            "command again, or lower --seeds, --envs or --replay.capacity with another --out",
+            "command again, train runs that are together apart, or lower --seeds, --envs or "
+            "--replay.capacity with another --out",
             STOPPED if any(folders[0].checkpoints.iterdir()) else USAGE,
         ) from error
 

@@ -46,7 +46,7 @@ def run(folder, seeds, *options, **changes):
     return process.returncode, out
 
 
-def start_two(folder, seeds):
+def start_two(folder, seeds, *options):
     with socket.socket() as free:
         free.bind(("localhost", 0))
         address = f"localhost:{free.getsockname()[1]}"
@@ -54,6 +54,7 @@ def start_two(folder, seeds):
         start(
             folder,
             seeds,
+            *options,
             JAX_COORDINATOR_ADDRESS=address,
             JAX_NUM_PROCESSES="2",
             JAX_PROCESS_ID=str(number),
@@ -128,6 +129,17 @@ def test_two_processes_compute_what_two_devices_of_one_do(on_two, tmp_path):
     assert [process.returncode for process in processes] == [0, 0], outs
     assert "4, evenly on 2 of 2 devices, 2 processes" in outs[0] and "final" not in outs[1]
     assert_equal(results(on_two, 4), results(tmp_path / "run", 4))
+
+
+@pytest.mark.faults
+def test_two_processes_go_on_where_they_stopped(on_two, tmp_path):
+    folders = f"{tmp_path / 'a'},{tmp_path / 'b'}"
+    for steps, said in ((512, "prepared"), (1024, "resumed at 512")):
+        processes = start_two(folders, 2, steps)
+        outs = [process.communicate(timeout=500)[0] for process in processes]
+        assert [process.returncode for process in processes] == [0, 0], outs
+        assert said in outs[0]
+    assert_equal(results(on_two, 2), results(tmp_path / "a", 2))
 
 
 @pytest.mark.faults

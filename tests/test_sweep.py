@@ -310,7 +310,7 @@ def test_alike_cells_share_a_process(file, out, capsys):
     assert owners[0] == owners[1] != owners[2] and list(map(len, owners)) == [1, 1, 1]
     for name in NAMES:
         assert_whole(out, name)
-    assert f"in one program with {NAMES[0]}" in (out / f"{NAMES[1]}.log").read_text()
+    assert f"sweep: together with {NAMES[0]}" in (out / f"{NAMES[1]}.log").read_text()
 
 
 def test_cells_that_differ_in_more_than_their_task_or_stand_elsewhere_are_apart(file, out):
@@ -328,6 +328,56 @@ def test_a_wrong_cell_does_not_take_those_beside_it_down(file, out, monkeypatch,
     assert "2 done, 1 failed" in capsys.readouterr().out
     assert_whole(out, NAMES[0])
     assert_whole(out, NAMES[2])
+
+
+def test_a_cell_that_crashes_does_not_fail_those_beside_it(file, out, monkeypatch, capsys):
+    monkeypatch.setenv("FAKE_FAIL", f"{NAMES[0]} crash")
+    assert swept(file, "--together", "3") == 1
+    assert "2 done, 1 failed" in capsys.readouterr().out
+
+
+def test_a_run_started_by_hand_leaves_those_beside_it_to_the_sweep(file, out, monkeypatch):
+    """Started in the moment between the look at its lock and the start of the group."""
+    monkeypatch.setenv("FAKE_STEP_S", "1")
+    chosen = cells.load(str(file)).cells
+    process = subprocess.Popen([*FAKE, *chosen[1].arguments, "--out", str(out / NAMES[1])])
+    wait_for(lambda: (out / NAMES[1] / "metrics.csv").is_file())
+    monkeypatch.setenv("FAKE_STEP_S", "0")
+    looks = iter([False] * 3)
+    is_held = state.is_held
+    monkeypatch.setattr(state, "is_held", lambda path: next(looks, is_held(path)))
+    ended = {end.name: end.word for end in attempt.run_group(chosen, Plan(out, FAKE))}
+    assert ended == dict(zip(NAMES, ("done", "busy", "done"), strict=True))
+    assert process.wait(timeout=60) == 0
+
+
+def test_the_log_of_a_cell_that_is_busy_is_let_go(file, out, monkeypatch):
+    monkeypatch.setenv("FAKE_STEP_S", "1")
+    chosen = cells.load(str(file)).cells[:2]
+    process = subprocess.Popen([*FAKE, *chosen[0].arguments, "--out", str(out / NAMES[0])])
+    wait_for(lambda: (out / NAMES[0] / "metrics.csv").is_file())
+    held = []
+
+    def stopping():
+        held.append(state.is_held(out / f"{NAMES[0]}.log"))
+        return True
+
+    ended = attempt.run_group(chosen, Plan(out, FAKE), stopping)
+    assert [end.word for end in ended] == ["busy", "stopped"] and not any(held) and held
+    process.terminate()
+    process.wait(timeout=60)
+
+
+def test_the_orphan_of_a_killed_sweep_keeps_every_log_of_its_group(file, out, monkeypatch):
+    monkeypatch.setenv("FAKE_STEP_S", "1")
+    process = started(file, "--together", "3")
+    wait_for(lambda: (out / NAMES[0] / "metrics.csv").is_file())
+    process.kill()
+    process.communicate(timeout=60)
+    assert all(state.is_held(out / f"{name}.log") for name in NAMES)
+    monkeypatch.setenv("FAKE_STEP_S", "0")
+    assert swept(file) == 0
+    assert [len(starts(out, name)) for name in NAMES] == [1, 1, 1]
 
 
 def test_a_killed_group_is_tried_again(file, out, monkeypatch):

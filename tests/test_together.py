@@ -1,5 +1,6 @@
 """Runs that share a program are the runs that they would be by themselves."""
 
+import contextlib
 import dataclasses
 import shutil
 import signal
@@ -9,13 +10,16 @@ import sys
 import fault_runs
 import jax
 import numpy as np
+import probe_env
 import pytest
+from test_divergence import poisoned
 from test_spread import assert_equal, run, start
 
-from crsfd_jax import artefacts, metrics, program, together
+from crsfd_jax import artefacts, checkpoints, metrics, program, together, trainer
 from crsfd_jax.config import Config, Evaluation, Potential, smoke_sized
 from crsfd_jax.demos import builtin
 from crsfd_jax.errors import UserError
+from crsfd_jax.interrupt import Interrupt
 from crsfd_jax.shapes import GRIDS
 
 PAIR = (
@@ -171,9 +175,72 @@ def test_runs_stopped_together_go_on_together_or_alone(apart, tmp_path):
         assert_equal(rows(tmp_path / name, first), rows(apart, first))
 
 
-def test_runs_that_stand_at_different_steps_are_not_mixed(tmp_path):
+def test_runs_that_were_never_saved_together_are_not_mixed(tmp_path):
     assert run(tmp_path / "a", 2)[0] == 0
     before = (tmp_path / "a/metrics.csv").read_bytes()
     code, out = run(f"{tmp_path / 'a'},{tmp_path / 'b'}", 2)
-    assert code == 2 and "stands at vector step 0" in out and "Traceback" not in out
+    assert code == 2 and "no checkpoint of one step" in out and "Traceback" not in out
     assert (tmp_path / "a/metrics.csv").read_bytes() == before
+
+
+@pytest.fixture(scope="module")
+def probe():
+    """Runs of one and of two seeds, and their program."""
+    first = probe_env.config(seeds=1)
+    configs = [first, dataclasses.replace(first, seed=1, seeds=2)]
+    made = program.assemble(configs, lambda drawn: probe_env.make(), probe_env.preparation())
+    return configs, made
+
+
+def trained(probe, place, start=None):
+    """Exit code and run folders a and b of the pair."""
+    configs, made = probe
+    with contextlib.ExitStack() as stack:
+        folders = [
+            stack.enter_context(artefacts.open_run(place / name, config, "probe", []))
+            for name, config in zip("ab", configs, strict=True)
+        ]
+        interrupt = stack.enter_context(Interrupt())
+        chosen = made._replace(start=start or made.start)
+        return trainer.run(configs, chosen, folders, interrupt), *folders
+
+
+def steps_made(folder):
+    return set(metrics.read(folder.metrics)["env_steps"].tolist())
+
+
+def test_a_run_without_a_seed_left_ends_where_it_would_alone(probe, tmp_path, capsys):
+    begun = probe[1].start()
+    code, a, b = trained(probe, tmp_path, lambda: poisoned(begun, "critic", np.array([1, 2])))
+    assert code == 1 and "no seed counts" in capsys.readouterr().out.splitlines()[-1]
+    assert steps_made(a) == {256, 512, 768, 1024} and steps_made(b) == {256}
+    assert not list(a.path.glob("diverged-*"))
+    states = probe[1].start()
+    for step in range(0, 64, 16):
+        states, _ = probe[1].advance(states, np.int32(step))
+    for index in (1, 2):
+        with np.load(b.path / f"diverged-seed{index}-step256.npz") as file:
+            expected = jax.random.key_data(states.key[index])
+            np.testing.assert_array_equal(file[".key"], expected)
+
+
+def test_a_stop_between_the_saves_of_two_runs_loses_nothing(probe, tmp_path, monkeypatch):
+    whole = trained(probe, tmp_path / "whole")[1:]
+    save = checkpoints.save
+
+    def cut_short(folder, *arguments):
+        # The last one of b: a has its own by then.
+        if folder.parent.name == "b" and arguments[0] == 256:
+            raise RuntimeError("killed")
+        save(folder, *arguments)
+
+    with monkeypatch.context() as patch, pytest.raises(RuntimeError, match="killed"):
+        patch.setattr(checkpoints, "save", cut_short)
+        trained(probe, tmp_path / "cut")
+    assert (tmp_path / "cut" / "a" / "checkpoints" / "256").exists()
+    code, *folders = trained(probe, tmp_path / "cut")
+    assert code == 0
+    for cut, other in zip(folders, whole, strict=True):
+        one, same = metrics.read(cut.metrics), metrics.read(other.metrics)
+        for name in one.keys() - set(metrics.WALL_CLOCK_COLUMNS):
+            np.testing.assert_array_equal(one[name], same[name], err_msg=name)

@@ -5,7 +5,7 @@ import os
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 
@@ -48,56 +48,57 @@ Stopping = Callable[[], bool]
 def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> list[Outcome]:
     """Runs or continues cells, but for those that are finished or that somebody else has.
 
+    Several are tried together once; whatever goes wrong then, each goes on by itself.
+
     Args:
       stopping: asked several times a second; once it is true, the runs save and end.
     """
     plan.out.mkdir(parents=True, exist_ok=True)
     outcomes: list[Outcome] = []
+    logs: dict[Cell, BinaryIO] = {}
     with contextlib.ExitStack() as stack:
-        logs: dict[Cell, BinaryIO] = {}
         for cell in group:
             if _is_finished(cell, plan):
                 outcomes.append(Outcome(cell.name, "done"))
                 continue
             log = stack.enter_context(state.claimed(state.log_path(plan.out, cell)))
-            if log is None or _is_held(cell, plan):
-                outcomes.append(Outcome(cell.name, "busy"))
-            else:
+            if log is not None and not _is_held(cell, plan):
                 logs[cell] = log
-        return outcomes + (_run_to_end(logs, plan, stopping) if logs else [])
+                continue
+            outcomes.append(Outcome(cell.name, "busy"))
+            if log is not None:
+                log.close()
+        code = None
+        if len(logs) > 1 and not stopping():
+            code = _run(logs, plan, "together", stopping)
+        for cell, log in logs.items():
+            if code == STOPPED and not _is_finished(cell, plan):
+                outcomes.append(Outcome(cell.name, "stopped"))
+            else:
+                outcomes.append(_run_to_end(cell, log, plan, stopping))
+            log.close()
+    return outcomes
 
 
-def _run_to_end(logs: dict[Cell, BinaryIO], plan: Plan, stopping: Stopping) -> list[Outcome]:
-    lines: list[str] = []
-    code = None
+def _run_to_end(cell: Cell, log: BinaryIO, plan: Plan, stopping: Stopping) -> Outcome:
+    path = state.log_path(plan.out, cell)
     for attempt in range(plan.retries + 1):
-        # Another sweep may have finished some before this one had their locks.
-        left = {cell: log for cell, log in logs.items() if not _is_finished(cell, plan)}
-        if not left or stopping():
-            break
-        log = state.log_path(plan.out, next(iter(left)))
-        start = log.stat().st_size
-        code = _run(left, plan, attempt, stopping)
-        if code in (DONE, STOPPED) or any(_is_held(cell, plan) for cell in left):
-            break
-        if code == USAGE and len(left) > 1:
-            # One of them may be what is wrong, or that they are together.
-            return [end for cell in logs for end in _run_to_end({cell: logs[cell]}, plan, stopping)]
-        lines = state.tail(log, start)
+        # Another sweep may have finished it before this one had its lock.
+        if _is_finished(cell, plan):
+            return Outcome(cell.name, "done")
+        if stopping():
+            return Outcome(cell.name, "stopped")
+        start = path.stat().st_size
+        code = _run({cell: log}, plan, f"attempt {attempt + 1} of {plan.retries + 1}", stopping)
+        if code == DONE or _is_finished(cell, plan):
+            return Outcome(cell.name, "done")
+        if code == STOPPED or stopping():
+            return Outcome(cell.name, "stopped")
+        if _is_held(cell, plan):
+            return Outcome(cell.name, "busy")
+        lines = state.tail(path, start)
         if code == USAGE:
             break
-    return [_ended(cell, logs[cell], plan, code, stopping(), lines) for cell in logs]
-
-
-def _ended(
-    cell: Cell, log: BinaryIO, plan: Plan, code: int | None, is_stopping: bool, lines: list[str]
-) -> Outcome:
-    if code == DONE or _is_finished(cell, plan):
-        return Outcome(cell.name, "done")
-    if code == STOPPED or is_stopping:
-        return Outcome(cell.name, "stopped")
-    if _is_held(cell, plan):
-        return Outcome(cell.name, "busy")
     _write(log, f"{state.GAVE_UP} with exit code {code}")
     return Outcome(cell.name, "failed", (*lines, f"exit code {code}"))
 
@@ -110,7 +111,7 @@ def _is_held(cell: Cell, plan: Plan) -> bool:
     return state.is_held(plan.out / cell.name / artefacts.LOCK)
 
 
-def command_of(group: Sequence[Cell], plan: Plan) -> list[str]:
+def command_of(group: Iterable[Cell], plan: Plan) -> list[str]:
     """The command that trains cells."""
     words: list[str] = []
     for cell in group:
@@ -118,14 +119,13 @@ def command_of(group: Sequence[Cell], plan: Plan) -> list[str]:
     return [*plan.command, *words[1:]]
 
 
-def _run(logs: dict[Cell, BinaryIO], plan: Plan, attempt: int, stopping: Stopping) -> int:
-    """One process, from its start to its end; it writes to the first log."""
-    command = command_of(tuple(logs), plan)
+def _run(logs: dict[Cell, BinaryIO], plan: Plan, what: str, stopping: Stopping) -> int:
+    """One process, from its start to its end; it writes to the first log and holds all."""
+    command = command_of(logs, plan)
     (first, log), *others = logs.items()
-    said = f"sweep: attempt {attempt + 1} of {plan.retries + 1}"
-    _write(log, f"{said}: {shlex.join(command)}")
+    _write(log, f"sweep: {what}: {shlex.join(command)}")
     for _, other in others:
-        _write(other, f"{said}: in one program with {first.name}, see its log")
+        _write(other, f"sweep: {what} with {first.name}, see its log")
     # In a session of its own, Ctrl-C on a terminal reaches it through `stopping` alone.
     process = subprocess.Popen(
         command,
@@ -133,6 +133,7 @@ def _run(logs: dict[Cell, BinaryIO], plan: Plan, attempt: int, stopping: Stoppin
         stdin=subprocess.DEVNULL,
         stdout=log,
         stderr=subprocess.STDOUT,
+        pass_fds=[other.fileno() for _, other in others],
         start_new_session=True,
     )
     try:

@@ -21,14 +21,14 @@ _KEEP_WARNING = ("env", "--ignore-signal=USR2")
 
 @dataclass(frozen=True)
 class Slurm:
-    """What a cell asks of SLURM."""
+    """What a process asks of SLURM."""
 
     partition: str = ""
     """Partition; empty for the cluster's default."""
     minutes: Annotated[int, Interval(1, 100_000)] = 240
     """Time limit of a job, after which it is queued again and goes on."""
     cores: Annotated[int, Interval(1, 1024)] = 4
-    """CPU cores of a cell."""
+    """CPU cores of a process."""
 
 
 class Job(NamedTuple):

@@ -56,7 +56,7 @@ def is_finished(folder: Path, config: Config) -> bool:
     except UserError:
         return False
     evaluated = (env_steps >= config.steps).sum() >= config.seeds
-    # A policy is written after the checkpoint of its step, also when a run is only stopped.
+    # A policy is also written when a run is only stopped; that of the end, before its checkpoint.
     saved = saved_step(folder) or config.steps
     final = saved * config.envs >= config.steps and (folder / _POLICY).is_file()
     return bool(same and evaluated and final)
@@ -84,8 +84,8 @@ def is_held(path: Path) -> bool:
 def claimed(path: Path) -> Iterator[BinaryIO | None]:
     """Opens a log to append to and locks it; None where somebody else has it.
 
-    A child whose output it is keeps the lock when this process dies, so that nobody starts
-    the same cell beside an orphan.
+    A child that inherits it keeps the lock when this process dies, so that nobody starts the
+    same cell beside an orphan.
     """
     with path.open("ab") as stream:
         try:
