@@ -12,6 +12,7 @@ For each run, from its shift: success by the distance of the hole from its nomin
 success over where the hole is, and of where the tip is while it touches the plane of the mouth.
 """
 
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -23,6 +24,8 @@ from matplotlib.axes import Axes
 
 from crsfd_jax import compile_cache, task, trained
 from crsfd_jax.learn.networks import mode_action
+from crsfd_jax.physics.interface import Surroundings
+from crsfd_jax.randomisation import Randomisation
 
 EPISODES = 1000
 """Of each seed."""
@@ -31,13 +34,19 @@ TOUCHES = 1.5e-3
 BINS = 6
 
 
-def play(run: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Offset [S, K, 2] m, success [S, K] and tip [S, T, K, 3] m of whole episodes.
+def play(
+    run: Path, arm: Randomisation | None = None
+) -> tuple[Surroundings, np.ndarray, np.ndarray]:
+    """Surroundings [S, K], success [S, K] and tip [S, T, K, 3] m of whole episodes.
 
     The tip of an episode that is over is NaN.
+
+    Args:
+      arm: what is drawn in place of the run's own.
     """
     policies = trained.load(run)
-    env = task.make_env(policies.config)
+    drawn = policies.config.randomisation if arm is None else arm
+    env = task.make_env(dataclasses.replace(policies.config, randomisation=drawn))
 
     def one(actor, key):
         start = env.reset(key, EPISODES)
@@ -51,10 +60,10 @@ def play(run: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
         carry = start, jnp.ones(EPISODES, bool)
         _, (tip, success) = jax.lax.scan(body, carry, length=env.horizon)
-        return start.around.socket_offset, success.any(axis=0), tip
+        return start.around, success.any(axis=0), tip
 
     keys = jax.random.split(jax.random.key(2_000_000), policies.config.seeds)
-    return tuple(map(np.asarray, jax.jit(jax.vmap(one))(policies.actors, keys)))
+    return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(policies.actors, keys))
 
 
 def by_distance(offset: np.ndarray, success: np.ndarray, half: float) -> list[float]:
@@ -92,7 +101,8 @@ def main(picture: Path, runs: list[Path]) -> None:
     figure = matplotlib.figure.Figure(figsize=(8, 3.4 * len(runs)), layout="constrained")
     rows = figure.subplots(len(runs), 2, squeeze=False)
     for (left, right), run in zip(rows, runs, strict=True):
-        config, (offset, success, tip) = trained.load(run).config, play(run)
+        config, (around, success, tip) = trained.load(run).config, play(run)
+        offset = around.socket_offset
         half, name = config.shift / 2, config.algorithm
         words = " ".join(f"{rate:.3f}" for rate in by_distance(offset, success, half))
         print(f"{run.name}: success {success.mean():.3f}, from the nominal place outwards {words}")
