@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import typing
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -240,18 +240,3 @@ def run_name(config: Config) -> str:
 def run_folder(config: Config) -> str:
     """Where a run lies: --out, or a name of its own under runs/."""
     return config.out or f"runs/{run_name(config)}"
-
-
-def smoke_sized(config: Config) -> Config:
-    """The same run shrunk to a quick check that the whole path works; it learns nothing."""
-    envs = min(config.envs, 16)
-    return replace(
-        config,
-        seeds=min(config.seeds, 2),
-        steps=min(config.steps, 4096),
-        envs=envs,
-        sac=replace(config.sac, warmup_steps=min(config.sac.warmup_steps, 512), updates_per_step=4),
-        replay=replace(config.replay, capacity=4096 // envs * envs),
-        potential=replace(config.potential, steps=min(config.potential.steps, 500)),
-        evaluation=Evaluation(every=2048, episodes=10),
-    )

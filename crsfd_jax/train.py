@@ -4,9 +4,10 @@
 """
 
 from crsfd_jax import cli, loggers, together
-from crsfd_jax.config import Config, smoke_sized
+from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
 from crsfd_jax.report import opengl
+from crsfd_jax.smoke import smoke_sized
 
 
 def run(argv: list[str]) -> int:

@@ -1,9 +1,10 @@
 """Values of a configuration that must fit each other, besides their own ranges."""
 
 from crsfd_jax import shapes
-from crsfd_jax.config import Config, Scene, smoke_sized
+from crsfd_jax.config import Config, Scene
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import check_limits
+from crsfd_jax.smoke import smoke_sized
 from crsfd_jax.units import format_length
 
 

@@ -9,9 +9,10 @@ import signal
 import time
 
 from crsfd_jax import artefacts, cli, metrics, together
-from crsfd_jax.config import Config, smoke_sized
+from crsfd_jax.config import Config
 from crsfd_jax.errors import DONE, STOPPED, UserError
 from crsfd_jax.interrupt import Interrupt
+from crsfd_jax.smoke import smoke_sized
 
 STEP = 1024
 

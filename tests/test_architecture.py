@@ -11,7 +11,7 @@ PACKAGE = "crsfd_jax"
 ORDER = tuple(
     """
     errors extras units types files option_names limits shapes option_types randomisation config
-    validation cli keywords interrupt compile_cache progress leaves npz metrics troubles loggers
+    smoke validation cli keywords interrupt compile_cache progress leaves npz metrics troubles loggers
     policy artefacts together array_store checkpoints divergence
     sweeps
     scene.digits scene.build scene.kinematics

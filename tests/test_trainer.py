@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from crsfd_jax import artefacts, cli, metrics
-from crsfd_jax.config import Config, smoke_sized, to_dict
+from crsfd_jax.config import Config, to_dict
 from crsfd_jax.program import CHUNK_STEPS, evaluation_period, fitted, total_steps
+from crsfd_jax.smoke import smoke_sized
 from crsfd_jax.sweeps import state
 
 OPTIONS = ("--smoke", "--shape", "3", "--shift", "4mm")

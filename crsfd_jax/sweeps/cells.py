@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from crsfd_jax import artefacts, cli
-from crsfd_jax.config import Config, run_name, smoke_sized, to_dict
+from crsfd_jax.config import Config, run_name, to_dict
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import choice_message
 from crsfd_jax.option_names import by_full_name
 from crsfd_jax.randomisation import TRAINING
+from crsfd_jax.smoke import smoke_sized
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
 _NOT_IN_NAME = ("steps", "evaluation.every", "evaluation.episodes", *artefacts.MAY_CHANGE)
