@@ -14,8 +14,21 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.randomisation import TRAINING
 from crsfd_jax.report import __main__ as program
 from crsfd_jax.report import cells as grouping
-from crsfd_jax.report import claims, evidence, gaps, headline, html, layout, page, runs, tables
+from crsfd_jax.report import (
+    claims,
+    evidence,
+    figures,
+    gaps,
+    headline,
+    html,
+    layout,
+    page,
+    runs,
+    tables,
+    trials,
+)
 from crsfd_jax.report.cells import Task
+from crsfd_jax.report.curves import Curve
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN
 from crsfd_jax.report.methods import ARMS, BASELINES, WITHOUT_INTERACTION, style
 from crsfd_jax.report.summary import compare, summarise
@@ -339,6 +352,28 @@ def test_a_table_of_trials_among_results_belongs_to_the_config_its_name_begins_w
         Transfer("crsfd", True, "2", 45, 50),
         Transfer("sacfd", True, "2", 40, 50),
     ]
+
+
+def test_trials_are_drawn_where_they_are(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(trials, "save", lambda canvas, path: drawn.append(canvas))
+    found = [Transfer("crsfd", True, "0", 45, 50), Transfer("crsfd", False, "2", 10, 50)]
+    trials.draw(found, {"0": 1.0, "1": 0.9}, tmp_path / "transfer.png")
+    (axes,) = drawn[0].axes
+    heights = {line.get_label(): list(line.get_ydata()) for line in axes.lines}
+    points = [bars.lines[0] for bars in axes.containers]
+    assert [list(line.get_ydata()) for line in points] == [[0.9], [0.2]]
+    assert points[1].get_markerfacecolor() == "white"
+    assert heights["paper, real arm, 25 trials"] == [1.0]
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["0", "2"]
+
+
+def test_a_mean_curve_has_the_steps_at_which_every_seed_was_evaluated():
+    values = np.array([[0.1, np.nan], [0.2, 0.4], [0.3, np.nan], [0.5, 0.7]])
+    common = figures.at_common_steps(Curve(np.arange(4), values))
+    assert common.env_steps.tolist() == [1, 3] and np.isfinite(common.values).all()
+    apart = Curve(np.arange(2), np.array([[0.1, np.nan], [np.nan, 0.2]]))
+    assert figures.at_common_steps(apart) is apart
 
 
 def test_a_randomised_run_is_no_run_of_the_plain_task(tmp_path):

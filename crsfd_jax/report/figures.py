@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from crsfd_jax.files import write_atomically
 from crsfd_jax.report.cells import Cell
-from crsfd_jax.report.curves import mean_and_spread
+from crsfd_jax.report.curves import Curve, mean_and_spread
 from crsfd_jax.report.layout import Figure
 from crsfd_jax.report.methods import Style, rank, style
 
@@ -38,6 +38,15 @@ def draw(figure: Figure, path: Path) -> None:
     across = 1 if beside else max(1, int(40 * figure.columns / (longest + 7)))
     _legend(canvas, looks, "outside right upper" if beside else "outside lower center", across)
     save(canvas, path)
+
+
+def at_common_steps(curve: Curve) -> Curve:
+    """The evaluations that all seeds had, or all if there are none.
+
+    Of runs evaluated at other steps the mean would jump between their seeds.
+    """
+    rows = np.flatnonzero(np.isfinite(curve.values).all(axis=1))
+    return Curve(curve.env_steps[rows], curve.values[rows]) if rows.size else curve
 
 
 def save(canvas: matplotlib.figure.Figure, path: Path) -> None:
@@ -76,8 +85,9 @@ def _draw_panel(axes: Axes, cells: tuple[Cell, ...], looks: dict[tuple[str, str]
 
 
 def _draw_cell(axes: Axes, cell: Cell, look: Style) -> None:
-    thousands = cell.curve.env_steps / 1000
-    mean, spread = mean_and_spread(cell.curve.values)
+    curve = at_common_steps(cell.curve)
+    thousands = curve.env_steps / 1000
+    mean, spread = mean_and_spread(curve.values)
     low, high = np.clip(mean - spread, 0, 1), np.clip(mean + spread, 0, 1)
     axes.fill_between(thousands, low, high, color=look.colour, alpha=0.13, linewidth=0)
     (line,) = axes.plot(thousands, mean, marker="o" if len(mean) == 1 else None)

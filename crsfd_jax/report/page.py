@@ -8,7 +8,18 @@ from typing import NamedTuple
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
 from crsfd_jax.report import cells as grouping
-from crsfd_jax.report import claims, figures, gaps, headline, html, layout, runs, tables, transfer
+from crsfd_jax.report import (
+    claims,
+    figures,
+    gaps,
+    headline,
+    html,
+    layout,
+    runs,
+    tables,
+    transfer,
+    trials,
+)
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, RULE, Claim
 from crsfd_jax.report.layout import Figure
@@ -60,12 +71,12 @@ def collect(roots: Sequence[str]) -> Report:
     """
     found = runs.find(roots)
     cells, repeated = grouping.gather(found.runs)
-    trials, unusable = transfer.find(roots)
+    found_trials, unusable = transfer.find(roots)
     return Report(
         cells=cells,
         figures=layout.figures(cells),
-        claims=claims.judge(cells, trials),
-        transfers=trials,
+        claims=claims.judge(cells, found_trials),
+        transfers=found_trials,
         skipped=[*found.skipped, *repeated, *unusable],
     )
 
@@ -88,7 +99,7 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
             html.section("Success against environment steps", *pictures),
             _comparisons(report),
             _claims(report.claims),
-            _transfers(report.transfers),
+            _transfers(report.transfers, folder),
             _potential(folder, value_map),
             _films(report.cells),
             _origin(report),
@@ -170,15 +181,19 @@ def _parts(claim: Claim) -> str:
     return shown + html.folded(f"all {len(lines)} comparisons: {title}", html.bullets(lines))
 
 
-def _transfers(found: Sequence[Transfer]) -> str:
+def _transfers(found: Sequence[Transfer], folder: Path) -> str:
     if not found:
         return ""
+    path = folder / "transfer.png"
+    trials.draw(found, claims.ROBOT, path)
+    text = "Success rate under a randomisation that training never saw, 95 % interval."
     rates: dict[str, list[float]] = {}
     for each in found:
         rates.setdefault(each.label, []).append(each.successes / each.trials)
     means = [f"{label}: {sum(r) / len(r):.3f} over {len(r)} shapes" for label, r in rates.items()]
     shown = html.table(*tables.transfers(found, claims.ROBOT))
-    return html.section("Held-out randomisation", html.paragraph("; ".join(means) + "."), shown)
+    said = html.paragraph("; ".join(means) + ".")
+    return html.section("Held-out randomisation", said, html.media(path, text), shown)
 
 
 def _potential(folder: Path, value_map: Callable[[Path], str]) -> str:

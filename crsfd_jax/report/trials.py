@@ -1,0 +1,56 @@
+"""Draws held-out trials, shape by shape, beside those of the paper on its arm."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib.figure
+import numpy as np
+
+from crsfd_jax.report.figures import clean, save
+from crsfd_jax.report.intervals import wilson_interval
+from crsfd_jax.report.methods import style
+from crsfd_jax.report.transfer import Transfer
+
+_APART = 0.16
+"""Between the methods of a shape, of the distance between two shapes."""
+
+
+def draw(found: Sequence[Transfer], paper: Mapping[str, float], path: Path) -> None:
+    """Writes a PNG: success rate and 95 % interval of each method on each shape.
+
+    Args:
+      found: at least one.
+      paper: shape -> success on the real arm.
+    """
+    shapes = sorted({each.shape for each in found})
+    labels = list(dict.fromkeys(each.label for each in found))
+    canvas = matplotlib.figure.Figure((1.0 * len(shapes) + 4.2, 3.0), layout="constrained")
+    axes = canvas.subplots()
+    clean(axes)
+    for number, label in enumerate(labels):
+        own = [each for each in found if each.label == label]
+        place = [shapes.index(each.shape) for each in own]
+        rate = np.array([each.successes / each.trials for each in own])
+        ends = np.array([wilson_interval(each.successes, each.trials) for each in own]).T
+        colour = style(own[0].method).colour
+        axes.errorbar(
+            np.array(place) + _APART * (number - (len(labels) - 1) / 2),
+            rate,
+            np.abs(ends - rate),
+            fmt="o",
+            color=colour,
+            markerfacecolor=colour if own[0].randomised else "white",
+            capsize=2,
+            label=label,
+        )
+    known = [(place, paper[shape]) for place, shape in enumerate(shapes) if shape in paper]
+    if known:
+        (theirs,) = axes.plot(*zip(*known, strict=True), label="paper, real arm, 25 trials")
+        theirs.set(color="0.45", marker="_", markersize=26, linestyle="none")
+    axes.set_xticks(range(len(shapes)), shapes)
+    axes.set_xlim(-0.5, len(shapes) - 0.5)
+    axes.set_ylim(top=1.01)
+    axes.set_xlabel("shape", fontsize=10)
+    axes.set_ylabel("success rate", fontsize=10)
+    canvas.legend(loc="outside right upper", frameon=False, fontsize=10)
+    save(canvas, path)
