@@ -383,6 +383,19 @@ def test_a_randomised_run_is_no_run_of_the_plain_task(tmp_path):
     assert [cell.variant for cell in cells_of(tmp_path)] == ["", "randomised", ""]
 
 
+def test_a_variant_that_several_methods_have_is_a_panel_of_its_own(tmp_path):
+    for method in ("crsfd", "sacfd"):
+        make_run(tmp_path / f"{method}1", method)
+        make_run(tmp_path / f"{method}2", method, seed=5)
+        make_run(tmp_path / f"{method}3", method, demo_episodes=1)
+    make_run(tmp_path / "alone", "crsfd", engine="mjx")
+    figure = layout.figures(cells_of(tmp_path))[-1]
+    panels = {panel.title: [cell.variant for cell in panel.cells] for panel in figure.panels}
+    plain, few = sorted(panels)
+    assert few == f"{plain}, demo_episodes 1" and panels[few] == ["demo_episodes 1"] * 2
+    assert sorted(panels[plain]) == ["", "", "engine mjx"]
+
+
 def test_what_is_missing_is_said(tmp_path):
     paper_like(tmp_path)
     for name in ("gail3", "sac2", "rsgm1"):

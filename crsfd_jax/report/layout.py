@@ -69,10 +69,26 @@ def _ablation(cells: Sequence[Cell]) -> Figure | None:
 
 
 def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
-    """All methods of each task that holds a cell not drawn so far."""
-    tasks = sorted({cell.task for cell in cells if id(cell) not in drawn})
-    if not tasks:
+    """All methods of each task that holds a cell not drawn so far.
+
+    A variant that several methods have is a task of its own.
+    """
+    methods: dict[tuple[Task, str], set[str]] = {}
+    for cell in cells:
+        methods.setdefault((cell.task, cell.variant), set()).add(cell.method)
+
+    def place(cell: Cell) -> tuple[Task, str]:
+        shared = len(methods[cell.task, cell.variant]) > 1
+        return cell.task, cell.variant if shared else ""
+
+    places = sorted({place(cell) for cell in cells if id(cell) not in drawn})
+    if not places:
         return []
-    panels = [Panel(str(task), tuple(c for c in cells if c.task == task)) for task in tasks]
+    panels = [
+        Panel(
+            ", ".join(filter(None, map(str, where))), tuple(c for c in cells if place(c) == where)
+        )
+        for where in places
+    ]
     columns = min(_COLUMNS, len(panels))
     return [Figure("tasks", "All runs of each task", columns, tuple(panels), same_steps=False)]
