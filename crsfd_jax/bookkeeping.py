@@ -76,7 +76,7 @@ def restored(
         common = set.intersection(*saved)
         if any(saved) and not common:
             pairs = zip(folders, saved, strict=True)
-            stand = " and ".join(f"{folder.path} has {sorted(own)}" for folder, own in pairs)
+            stand = " and ".join(f"{folder.path} has {sorted(steps)}" for folder, steps in pairs)
             raise UserError(f"no checkpoint of one step: {stand}; go on with each run by itself")
         most = max(common) if len(folders) > 1 and common else math.inf
         found = [

@@ -104,11 +104,9 @@ def assemble(
 
     learner = learner_of(of_first)
 
+    @jax.vmap
     def begin(own: dict[str, Any]) -> TrainState:
-        def one(own: dict[str, Any]) -> TrainState:
-            return learner_of(own["drawn"]).init(jax.random.key(own["seed"]), preparation)
-
-        return jax.vmap(one)(own)
+        return learner_of(own["drawn"]).init(jax.random.key(own["seed"]), preparation)
 
     def step(state: TrainState, own: dict[str, Any], step: jax.Array) -> Any:
         return learner_of(own["drawn"]).step(state, step)
