@@ -63,6 +63,11 @@ class Mdp:
     rotation_scale: PositiveRate = 0.05
     """Setpoint rotation for an action of 1 about a rotation axis, rad."""
 
+    @property
+    def action_scale(self) -> list[float]:
+        """[6] m and rad, setpoint displacement for an action of 1."""
+        return [self.translation_scale] * 3 + [self.rotation_scale] * 3
+
 
 @dataclass(frozen=True)
 class Sac:

@@ -169,8 +169,7 @@ def setpoint(mdp: config.Mdp, tip: jax.Array, action: jax.Array) -> jax.Array:
       tip: [N, 6] m and rad.
       action: [N, 6] in [-1, 1].
     """
-    scale = jnp.array([mdp.translation_scale] * 3 + [mdp.rotation_scale] * 3)
-    moved = tip + jnp.clip(action, -1.0, 1.0) * scale
+    moved = tip + jnp.clip(action, -1.0, 1.0) * jnp.array(mdp.action_scale)
     return jnp.clip(moved, jnp.array(SETPOINT_LOW), jnp.array(SETPOINT_HIGH))
 
 

@@ -19,7 +19,7 @@ from crsfd_jax.env import EnvState
 from crsfd_jax.observation import ACTION_SIZE, CLIP, OBS_SIZE
 from crsfd_jax.report import opengl
 from crsfd_jax.report.picture import render
-from crsfd_jax.scene.build import model_of
+from crsfd_jax.scene.build import model_of, place_socket
 
 try:
     import gymnasium
@@ -203,7 +203,7 @@ def _draw(options: Config, state: EnvState) -> np.ndarray:
     model = model_of(scene, int(state.around.shape))
     data = mujoco.MjData(model)
     data.qpos[:] = state.physics.qpos
-    data.mocap_pos[0, :2] += state.around.socket_offset
+    place_socket(data, scene, state.around.socket_offset, state.around.socket_yaw)
     mujoco.mj_forward(model, data)
     return render(model, data, "close", _WIDTH, _HEIGHT)
 

@@ -1,4 +1,4 @@
-"""What tells a real arm from its model, as options: drawn anew for every episode.
+"""What tells a real arm and its task from their model, as options: drawn anew for every episode.
 
 Ranges are written low high, or low high low high for two of them, each as likely as it is wide.
 """
@@ -16,6 +16,8 @@ class Randomisation:
 
     friction: Factors = (1.0, 1.0)
     """Factor on --scene.friction."""
+    socket_yaw: Annotated[tuple[float, ...], Interval(-0.3, 0.3), Ranges()] = (0.0, 0.0)
+    """Rotation of the socket about the vertical that the arm does not know of, rad."""
     stiffness: Factors = (1.0, 1.0)
     """Factor on the stiffness of the impedance controller."""
     damping: Factors = (1.0, 1.0)

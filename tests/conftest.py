@@ -70,18 +70,19 @@ def at_rest(links) -> Callable[..., PhysicsState]:
 
 @pytest.fixture(scope="session")
 def around() -> Callable[..., Surroundings]:
-    """(shape [N], socket offset [N, 2] m, friction [N], gains [N, 2]) -> surroundings.
+    """(shape [N], offset [N, 2] m, friction [N], gains [N, 2], yaw [N] rad) -> surroundings.
 
-    MJX would compile anew for those without gains.
+    MJX would compile anew for those without gains or yaw.
     """
 
-    def make(shape, offset=(0.0, 0.0), friction=1.0, gains=(1.0, 1.0)) -> Surroundings:
+    def make(shape, offset=(0.0, 0.0), friction=1.0, gains=(1.0, 1.0), yaw=0.0) -> Surroundings:
         shape = jnp.asarray(shape, jnp.int32)
         return Surroundings(
             shape=shape,
             socket_offset=jnp.broadcast_to(jnp.asarray(offset, jnp.float32), (len(shape), 2)),
             friction=jnp.broadcast_to(jnp.asarray(friction, jnp.float32), shape.shape),
             gains=jnp.broadcast_to(jnp.asarray(gains, jnp.float32), (len(shape), 2)),
+            socket_yaw=jnp.broadcast_to(jnp.asarray(yaw, jnp.float32), shape.shape),
         )
 
     return make

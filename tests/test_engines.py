@@ -64,7 +64,9 @@ def mixed(at_rest, around):
     action[SITUATION == FREE, 2] = np.abs(action[SITUATION == FREE, 2])
     friction = rng.uniform(0.3, 1.2, COUNT)
     gains = np.where(np.arange(COUNT)[:, None] % 3, rng.uniform(0.8, 1.2, (COUNT, 2)), 1.0)
-    surroundings = around(np.arange(COUNT) % 5, offset, friction, gains)
+    yaw = rng.uniform(-0.05, 0.05, COUNT)
+    tilt[:, 2] = np.where(np.isin(SITUATION, (HOLE, WALL)), yaw, tilt[:, 2])
+    surroundings = around(np.arange(COUNT) % 5, offset, friction, gains, yaw)
     return at_rest(position, tilt), surroundings, action
 
 
@@ -134,7 +136,7 @@ def only(tree, rows):
 
 @pytest.mark.parametrize("shape", range(5))
 def test_a_mixed_batch_equals_separate_runs_of_models_of_one_shape(native_roll, mixed, shape):
-    """Bit by bit: no shape, offset, friction or gain leaks into another environment."""
+    """Bit by bit: no shape, place, friction or gain leaks into another environment."""
     state, surroundings, _ = mixed
     rows = np.arange(COUNT) % 5 == shape
     alone = native.make(build.build(config.Scene(), (config.SHAPES[shape],)))

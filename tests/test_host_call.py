@@ -188,6 +188,7 @@ def world():
         shape=np.arange(count, dtype=np.int32) % len(scene.shapes),
         socket_offset=rng.uniform(-0.004, 0.004, (count, 2)).astype(np.float32),
         friction=rng.uniform(0.1, 0.9, count).astype(np.float32),
+        socket_yaw=rng.uniform(-0.05, 0.05, count).astype(np.float32),
     )
     setpoint = np.zeros((count, 6), np.float32)
     setpoint[:, :2] = around.socket_offset + rng.uniform(-0.002, 0.002, (count, 2))
@@ -213,6 +214,7 @@ def plain_step(world, i):
     data.ctrl = world.setpoint[i]
     data.mocap_pos[0] = scene.nominal
     data.mocap_pos[0, :2] += around.socket_offset[i]
+    mujoco.mju_axisAngle2Quat(data.mocap_quat[0], [0, 0, 1], around.socket_yaw[i])
     for _ in range(round(0.1 / model.opt.timestep)):
         mujoco.mj_step(model, data)
     return PhysicsState(qpos=data.qpos, qvel=data.qvel, warmstart=data.qacc_warmstart), data.ncon
@@ -222,7 +224,7 @@ def assert_equal_states(got, wanted):
     jax.tree.map(np.testing.assert_array_equal, jax.tree.map(np.asarray, got), wanted)
 
 
-def test_the_engine_takes_the_steps_of_mj_step_for_every_shape_friction_and_offset(world):
+def test_the_engine_takes_the_steps_of_mj_step_for_every_shape_friction_and_place(world):
     wanted, contacts = zip(*(plain_step(world, i) for i in range(20)), strict=True)
     assert np.count_nonzero(contacts) >= 15
     wanted = jax.tree.map(lambda *rows: np.stack(rows).astype(np.float32), *wanted)

@@ -180,9 +180,28 @@ def test_each_reading_has_noise_of_its_own_and_the_same_again_for_the_same_key(w
     assert equal(states[-1], rolled(made, [STILL] * 3)[-1])
 
 
-def test_observations_do_not_tell_gains_friction_or_delay(world):
+@pytest.mark.parametrize("turned", [True, False])
+def test_a_turned_socket_takes_a_peg_that_is_turned_as_far(world, links, at_rest, turned):
+    made = world(socket_yaw=(0.06, 0.08))
+    state = made.reset(KEY, COUNT)
+    around = state.around
+    position = np.column_stack([around.socket_offset, np.full(COUNT, 2e-3)])
+    rotation = np.zeros((COUNT, 3), np.float32)
+    if turned:
+        rotation[:, 2] = around.socket_yaw
+    tip = jnp.asarray(np.column_stack([position, rotation]), jnp.float32)
+    state = state.replace(physics=at_rest(position, rotation), tip=tip)
+    down, inserted = STILL.at[:, 2].set(-1.0), np.zeros(COUNT, bool)
+    for _ in range(10):
+        state, outcome = made.step(state, down, KEY)
+        inserted |= np.asarray(outcome.terminated)
+    assert inserted.all() if turned else not inserted.any()
+
+
+def test_observations_do_not_tell_the_socket_gains_friction_or_delay(world):
     plain = world().reset(KEY, COUNT)
-    hidden = world(stiffness=(0.5, 1.5), damping=(0.5, 1.5), friction=(0.5, 2.0), delay=0.5)
+    arm = {"stiffness": (0.5, 1.5), "damping": (0.5, 1.5), "socket_yaw": (-0.1, 0.1)}
+    hidden = world(**arm, friction=(0.5, 2.0), delay=0.5)
     np.testing.assert_array_equal(hidden.reset(KEY, COUNT).obs, plain.obs)
 
 

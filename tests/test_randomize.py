@@ -100,6 +100,7 @@ def test_by_default_the_arm_is_its_model(pool):
     around = drawn(pool, friction=(1.0, 1.0))[1]
     assert (around.friction == 1.0).all()
     assert around.gains is around.encoder_offset is around.is_delayed is around.noise_seed is None
+    assert around.socket_yaw is None
 
 
 @pytest.mark.parametrize(
@@ -123,19 +124,21 @@ def test_a_range_of_one_number_gives_that_number():
 
 def test_each_effect_is_drawn_for_itself_and_leaves_the_others_as_they_were(pool):
     plain, arm = drawn(pool), {k: v for k, v in vars(TRAINING).items() if k != "friction"}
-    state, around = drawn(pool, **arm)
+    state, around = drawn(pool, **{**arm, "socket_yaw": (-0.05, 0.1)})
     extra = [around.gains, around.encoder_offset, around.is_delayed, around.noise_seed]
     gains, offset, is_delayed, seed = map(np.asarray, extra)
+    yaw = np.asarray(around.socket_yaw)
     np.testing.assert_array_equal(state.qpos, plain[0].qpos)
     for name in ("shape", "socket_offset", "friction"):
         np.testing.assert_array_equal(getattr(around, name), getattr(plain[1], name))
     columns = (
         *(state.qpos[:, 0], around.friction, *around.socket_offset.T, *gains.T),
-        *(*offset.T, is_delayed, seed.astype(float)),
+        *(*offset.T, is_delayed, seed.astype(float), yaw),
     )
     assert np.abs(np.corrcoef(columns) - np.eye(len(columns))).max() < 0.03
     np.testing.assert_allclose(is_delayed.mean(), 0.5, atol=0.02)
     assert len(np.unique(seed)) > COUNT - 10
+    np.testing.assert_allclose([yaw.min(), yaw.max()], [-0.05, 0.1], atol=1e-4)
 
 
 def _ranges(ends):

@@ -199,3 +199,10 @@ def test_the_socket_moves_and_nothing_else_does(scene):
     assert scene.model.body("socket").mocapid[0] == 0
     np.testing.assert_array_equal(scene.model.body("socket").pos, scene.nominal)
     assert scene.model.nq == scene.model.nv == 7
+    data = mujoco.MjData(scene.model)
+    build.place_socket(data, scene, np.array([1e-3, -2e-3]), np.float32(0.3))
+    mujoco.mj_forward(scene.model, data)
+    socket = data.body("socket")
+    np.testing.assert_allclose(socket.xpos - scene.nominal, [1e-3, -2e-3, 0], atol=1e-9)
+    turn = [[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]]
+    np.testing.assert_allclose(socket.xmat.reshape(3, 3), turn, atol=1e-6)

@@ -92,7 +92,7 @@ def _provenance(options: Record, expert: record.Expert, rate: float, command: st
         shift_m=0.0,
         control_dt_s=CONTROL_DT,
         obs_layout=obs_layout(),
-        action_scale=[mdp.translation_scale] * 3 + [mdp.rotation_scale] * 3,
+        action_scale=mdp.action_scale,
         expert=f"SAC under a dense reward, {expert.env_steps} environment steps",
         expert_success_rate=rate,
         noise=options.noise,

@@ -46,10 +46,9 @@ def replay(demos: Demonstrations, engine: str = "auto") -> Replayed:
 
 def _options(demos: Demonstrations, engine: str) -> config.Config:
     source, mdp = demos.provenance, config.Mdp()
-    scale = [mdp.translation_scale] * 3 + [mdp.rotation_scale] * 3
-    if not np.allclose(source.action_scale, scale):
+    if not np.allclose(source.action_scale, mdp.action_scale):
         raise UserError(
-            f"provenance.action_scale is {source.action_scale}, this task's is {scale}; "
+            f"provenance.action_scale is {source.action_scale}, this task's is {mdp.action_scale}; "
             "convert the actions first"
         )
     parts = dataclasses.replace(config.Scene(), clearance=source.clearance_m)

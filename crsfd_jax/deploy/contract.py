@@ -34,7 +34,7 @@ def describe(trained: Trained, chosen: Chosen, file: str) -> dict[str, Any]:
             "parts": ["x", "y", "z", "rx", "ry", "rz"],
             "unit": "m along and rad about the axes of the nominal socket",
             "clip": 1.0,
-            "scale": [config.mdp.translation_scale] * 3 + [config.mdp.rotation_scale] * 3,
+            "scale": config.mdp.action_scale,
             "formula": "setpoint = clip(tip + clip(action, -1, 1) * scale, low, high)",
             "setpoint_low": list(SETPOINT_LOW),
             "setpoint_high": list(SETPOINT_HIGH),
@@ -104,7 +104,7 @@ def _randomisation(drawn: Randomisation) -> dict[str, Any]:
     return {
         "formula": "drawn anew for every episode of training; with factors 1 and zeros, nothing is",
         "unit": "friction, stiffness, damping: factors, low high; delay: share of episodes whose "
-        "actions come one step late; encoder_offset: rad, low high; position_noise: m, "
+        "actions come one step late; socket_yaw, encoder_offset: rad, low high; position_noise: m, "
         "rotation_noise: rad, standard deviations of a reading",
         **dataclasses.asdict(drawn),
     }

@@ -29,6 +29,8 @@ class Surroundings:
     """[N, 2] m, the socket's place in the plane relative to the nominal one."""
     friction: jax.Array
     """[N] sliding friction coefficient between peg and socket."""
+    socket_yaw: jax.Array | None = None
+    """[N] rad, the socket's rotation about the vertical; None where it is 0."""
     gains: jax.Array | None = None
     """[N, 2] factors on stiffness and damping of the controller; None where they are 1."""
     encoder_offset: jax.Array | None = None

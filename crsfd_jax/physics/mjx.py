@@ -50,12 +50,15 @@ def make(scene: Scene, impl: str = "jax") -> Engine:
         friction = model.geom_friction.at[np.asarray(scene.part_geoms), 0].set(around.friction)
         own = model.tree_replace({**geometry, "geom_friction": friction, **actuators(around)})
         place = jnp.asarray(scene.nominal, jnp.float32).at[:2].add(around.socket_offset)
+        yaw = jnp.float32(0) if around.socket_yaw is None else around.socket_yaw
+        turn = jnp.zeros(4).at[0].set(jnp.cos(yaw / 2)).at[3].set(jnp.sin(yaw / 2))
         data = blank.replace(
             qpos=state.qpos,
             qvel=state.qvel,
             qacc_warmstart=state.warmstart,
             ctrl=setpoint,
             mocap_pos=place[None],
+            mocap_quat=turn[None],
         )
 
         def physics_step(_, carry):

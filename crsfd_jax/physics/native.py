@@ -34,6 +34,7 @@ def make(scene: Scene) -> Engine:
     ) -> tuple[PhysicsState, Limits]:
         joints = jax.ShapeDtypeStruct(state.qpos.shape, jnp.float32)
         met = jax.ShapeDtypeStruct(around.shape.shape, jnp.bool_)
+        straight = jnp.zeros(around.shape.shape, jnp.float32)
         modelled = jnp.ones((*around.shape.shape, 2), jnp.float32)
         qpos, qvel, warmstart, contacts, solver = host_call.call(
             name,
@@ -41,6 +42,7 @@ def make(scene: Scene) -> Engine:
             (joints, joints, joints, met, met),
             around.shape,
             around.socket_offset,
+            straight if around.socket_yaw is None else around.socket_yaw,
             around.friction,
             modelled if around.gains is None else around.gains,
             state.qpos,
@@ -65,6 +67,7 @@ class _Pool:
         self.iterations = self.batch.bind("solver_niter")
         self.socket = self.batch.bind("mocap_pos")[:, 0]
         self.socket[:] = scene.nominal
+        self.turn = self.batch.bind("mocap_quat")[:, 0]
         self.still = self.batch.state[0].copy()
         self.geometry = {name: self.batch.expand(name) for name in scene.geometry}
         self.friction = self.batch.expand("geom_friction")
@@ -74,7 +77,7 @@ class _Pool:
         self.gains_now = np.ones((size, 2), np.float32)
         self.substeps = round(CONTROL_DT / scene.model.opt.timestep)
 
-    def set_surroundings(self, shape, offset, friction, gains):
+    def set_surroundings(self, shape, offset, yaw, friction, gains):
         """Writes only the model fields that changed: shapes rarely do, others only at resets."""
         changed = np.flatnonzero(shape != self.shape_now)
         if changed.size:
@@ -93,6 +96,8 @@ class _Pool:
             self.bias[changed, :, 1:3] = model.actuator_biasprm[:, 1:3] * factors
             self.gains_now[changed] = gains[changed]
         np.add(self.scene.nominal[:2], offset, out=self.socket[:, :2])
+        half = yaw.astype(float) / 2
+        self.turn[:, 0], self.turn[:, 3] = np.cos(half), np.sin(half)
 
     def step(self, motion, setpoint, moved, contacts, solver):
         """Writes to `moved` where a control step takes `motion`, and which limits it met."""
@@ -125,8 +130,8 @@ def _simulate(scene, pools, inputs, outputs):
     except IndexError:
         pool = _Pool(scene, size)
     try:
-        pool.set_surroundings(*flat[:4])
-        pool.step(flat[4:7], flat[7], flat[8:11], *flat[11:])
+        pool.set_surroundings(*flat[:5])
+        pool.step(flat[5:8], flat[8], flat[9:12], *flat[12:])
     finally:
         free.append(pool)
 

@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from crsfd_jax.report.picture import render
-from crsfd_jax.scene.build import Scene, model_of
+from crsfd_jax.scene.build import Scene, model_of, place_socket
 from crsfd_jax.scene.kinematics import chain, inverse_kinematics
 from crsfd_jax.shapes import label
 from crsfd_jax.units import format_length
@@ -64,7 +64,7 @@ def _poses(scene):
 def _draw(scene, model, qpos, shift, camera, width, height):
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
-    data.mocap_pos[0] = scene.nominal + np.array([shift / 2, shift / 2, 0])
+    place_socket(data, scene, np.full(2, shift / 2))
     mujoco.mj_forward(model, data)
     return Image.fromarray(render(model, data, camera, width, height))
 

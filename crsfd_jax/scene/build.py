@@ -86,6 +86,15 @@ def model_of(scene: Scene, shape: int, friction: float = 1.0) -> mujoco.MjModel:
     return model
 
 
+def place_socket(
+    data: mujoco.MjData, scene: Scene, offset: np.ndarray, yaw: np.ndarray | None = None
+) -> None:
+    """Moves a simulation's socket from the nominal place by [2] m and [] rad about the vertical."""
+    half = 0.0 if yaw is None else float(yaw) / 2
+    data.mocap_pos[0] = scene.nominal + np.array([*offset, 0.0])
+    data.mocap_quat[0] = np.cos(half), 0.0, 0.0, np.sin(half)
+
+
 def _groups(solids):
     return solids.peg_boxes, solids.peg_corners, solids.socket_boxes, solids.socket_rims
 

@@ -16,7 +16,7 @@ START_HALF_WIDTH = 0.03
 START_HEIGHT = 0.01
 """m: ... whose bottom is this far above the mouth."""
 _POOL = 4096
-_GAINS, _OFFSET, _DELAY, _NOISE = 1001, 1002, 1003, 1004
+_GAINS, _OFFSET, _DELAY, _NOISE, _YAW = 1001, 1002, 1003, 1004, 1005
 """Folded into a key; far from small numbers, which give the keys that splitting it gives."""
 
 
@@ -61,7 +61,7 @@ def draw(
             shape=shapes[jax.random.randint(shape_key, (count,), 0, shapes.size)],
             socket_offset=jax.random.uniform(offset_key, (count, 2), minval=-half, maxval=half),
             friction=distribution.friction * factor,
-            **_arm(distribution.randomisation, key, count),
+            **_untold(distribution.randomisation, key, count),
         ),
     )
 
@@ -76,13 +76,15 @@ def uniform(key: jax.Array, shape: tuple[int, ...], ends: tuple[float, ...]) -> 
     return jnp.clip(low + (along - before), low, high)
 
 
-def _arm(options: Randomisation, key: jax.Array, count: int) -> dict[str, jax.Array]:
-    """The fields of surroundings that a real arm adds; those that are not asked for stay None."""
+def _untold(options: Randomisation, key: jax.Array, count: int) -> dict[str, jax.Array]:
+    """The fields of surroundings that no model tells; those that are not asked for stay None."""
 
     def own(number):
         return jax.random.fold_in(key, number)
 
     fields = {}
+    if any(options.socket_yaw):
+        fields["socket_yaw"] = uniform(own(_YAW), (count,), options.socket_yaw)
     if {*options.stiffness, *options.damping} != {1.0}:
         ranges = options.stiffness, options.damping
         keys = jax.random.split(own(_GAINS), len(ranges))

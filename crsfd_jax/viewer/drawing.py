@@ -70,7 +70,7 @@ def make(server: Any, scene: Scene, shape: str, potential: np.ndarray) -> Drawin
 def show(drawing: Drawing, at: pose.Pose) -> None:
     """Draws the arm, the peg, the socket and the contact forces."""
     model, data = drawing.arm.mj_model, drawing.data
-    pose.put(model, data, at, drawing.scene.nominal)
+    pose.put(model, data, at, drawing.scene)
     drawing.arm.update_from_mjdata(data)
     boxes = _peg_boxes(model)
     drawing.peg.batched_positions = data.geom_xpos[boxes]

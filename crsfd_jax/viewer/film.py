@@ -72,7 +72,7 @@ def record(
         for episode_key in jax.random.split(key, episodes):
             for taken, poses in _episode(loaded, wanted, episode_key, look.per_step):
                 for at in poses:
-                    pose.put(model, data, at, loaded.scene.nominal)
+                    pose.put(model, data, at, loaded.scene)
                     frames.append(draw(data))
                 inserted += bool(taken.outcome.terminated[0])
             frames += frames[-1:] * look.rest

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from crsfd_jax.env import EnvState
+from crsfd_jax.scene.build import Scene, place_socket
 
 
 class Pose(NamedTuple):
@@ -18,6 +19,8 @@ class Pose(NamedTuple):
     """[7] rad/s."""
     socket_offset: np.ndarray
     """[2] m."""
+    socket_yaw: np.ndarray | None
+    """[] rad; None where it is 0."""
     setpoint: np.ndarray
     """[6] m and rad."""
 
@@ -26,10 +29,11 @@ def between(before: EnvState, after: EnvState, setpoint: np.ndarray, count: int)
     """`count` poses on the way from one state of an arm to the next, the last one there."""
     ends = [np.asarray(state.physics.qpos)[0] for state in (before, after)]
     speeds = [np.asarray(state.physics.qvel)[0] for state in (before, after)]
-    offset = np.asarray(after.around.socket_offset)[0]
+    offset, yaw = np.asarray(after.around.socket_offset)[0], after.around.socket_yaw
+    yaw = None if yaw is None else np.asarray(yaw)[0]
     for share in np.linspace(0, 1, count + 1)[1:]:
         qpos, qvel = ((1 - share) * first + share * last for first, last in (ends, speeds))
-        yield Pose(qpos, qvel, offset, setpoint)
+        yield Pose(qpos, qvel, offset, yaw, setpoint)
 
 
 def still(state: EnvState) -> Pose:
@@ -37,8 +41,8 @@ def still(state: EnvState) -> Pose:
     return next(between(state, state, np.asarray(state.tip)[0], 1))
 
 
-def put(model: mujoco.MjModel, data: mujoco.MjData, pose: Pose, nominal: np.ndarray) -> None:
+def put(model: mujoco.MjModel, data: mujoco.MjData, pose: Pose, scene: Scene) -> None:
     """Brings a simulation to a pose, contact forces included."""
     data.qpos[:], data.qvel[:], data.ctrl[:] = pose.qpos, pose.qvel, pose.setpoint
-    data.mocap_pos[0] = nominal + np.array([*pose.socket_offset, 0.0])
+    place_socket(data, scene, pose.socket_offset, pose.socket_yaw)
     mujoco.mj_forward(model, data)
