@@ -20,7 +20,7 @@ ORDER = tuple(
     demos.options demos.provenance demos.dataset demos.builtin demos.replay
     demos.layout demos.hdf5 demos.robomimic demos.minari demos.exchange
     learn algorithms free_space train_step chunk evaluation trained deploy
-    demos.expert demos.record demos.commands
+    demos.recordable demos.rollout demos.expert demos.record demos.commands
     report gym program standing outcome viewer clips bookkeeping trainer
     view evaluate train sweep doctor export report.__main__ demos.__main__
     """.split()  # noqa: SIM905

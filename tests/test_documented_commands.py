@@ -93,6 +93,7 @@ TOGETHER = tuple(
 )
 PAGES = ("python -m crsfd_jax.view runs/NAME", "python -m crsfd_jax.view runs/NAME --shape 0")
 INSTALLS = ("pip install 'crsfd-jax[gym]'", "pip install 'crsfd-jax[view]'")
+TRAINED = "needs a policy that inserts; test_recording.py has one"
 NOT_RUN = {
     "make test": "is what runs this",
     "make slow": "is what runs this",
@@ -104,6 +105,10 @@ NOT_RUN = {
     "pip install 'crsfd-jax[cuda,warp]'": "gigabytes, for NVIDIA GPUs",
     "pip install -e '.[cuda]'": "gigabytes, for NVIDIA GPUs",
     f"{TRAIN} --shape 1 --and --shape 3 --shift 8mm": "two whole runs; test_sweep.py has a pair",
+    f"{DEMOS} from-run runs/NAME --out next.npz": TRAINED,
+    f"{DEMOS} from-run runs/NAME --out near.npz --shift 4mm --noise 1.5 --seed 2": TRAINED,
+    f"{TRAIN} --shape 2 --shift 8mm --steps 300000 --demos next.npz "
+    "--potential.spread 0mm": TRAINED,
     f"{TRAIN} --shape 2 --engine warp --envs 1024": "needs an NVIDIA GPU",
     f"{SWEEP} setting1 --runner slurm --workers 16 --gpus 1 --slurm.partition gpu "
     "--slurm.minutes 240 --slurm.cores 8": "needs a SLURM cluster; test_sweep.py has a stand-in",

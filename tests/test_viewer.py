@@ -1,7 +1,6 @@
 """The browser viewer: what its controls do, what a person records, and the page itself."""
 
 import contextlib
-import dataclasses
 import threading
 
 import browser
@@ -286,16 +285,6 @@ def test_a_key_nudges_the_goal(page):
     page.panel.paused.value = True
     step(page)
     np.testing.assert_allclose(page.drawing.goal.position - before, [0, 0, -0.005], atol=1e-9)
-
-
-def test_recording_is_refused_where_a_replay_could_not_follow():
-    assert hand.refusal(OPTIONS) == ""
-    assert hand.refusal(dataclasses.replace(OPTIONS, scene=config.Scene(clearance=2e-3))) == ""
-    for changed in (
-        {"scene": config.Scene(footprint=0.05)},
-        {"mdp": config.Mdp(translation_scale=0.02)},
-    ):
-        assert "recording needs" in hand.refusal(dataclasses.replace(OPTIONS, **changed))
 
 
 def test_the_address_comes_with_the_way_to_it_over_ssh():

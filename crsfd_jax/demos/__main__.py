@@ -1,4 +1,4 @@
-"""`python -m crsfd_jax.demos record|info|check|import|export`: make and inspect demonstrations."""
+"""`python -m crsfd_jax.demos COMMAND`: record, inspect, check and exchange demonstrations."""
 
 import dataclasses
 from typing import Annotated, Literal
@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import tyro
 
 from crsfd_jax import cli
-from crsfd_jax.demos.options import Record
+from crsfd_jax.demos.options import FromRun, Record
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +49,7 @@ class Export:
 
 Command = (
     Annotated[Record, tyro.conf.subcommand("record")]
+    | Annotated[FromRun, tyro.conf.subcommand("from-run")]
     | Annotated[Info, tyro.conf.subcommand("info")]
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[Import, tyro.conf.subcommand("import")]
@@ -61,8 +62,11 @@ def run(argv: list[str]) -> int:
     command = cli.parse(Command, argv)  # pyright: ignore[reportArgumentType]
     from crsfd_jax.demos import commands
 
+    line = " ".join(["python -m crsfd_jax.demos", *argv])
     if isinstance(command, Record):
-        return commands.record_file(command, " ".join(["python -m crsfd_jax.demos", *argv]))
+        return commands.record_file(command, line)
+    if isinstance(command, FromRun):
+        return commands.record_run(command, line)
     if isinstance(command, Info):
         return commands.show(command.file)
     if isinstance(command, Import):

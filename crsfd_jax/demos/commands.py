@@ -1,14 +1,16 @@
 """What the demonstration commands do."""
 
+import dataclasses
 import datetime
 import importlib.metadata
 from pathlib import Path
 
 import jax
-import numpy as np
 
-from crsfd_jax.demos import builtin, dataset, exchange, record, replay
-from crsfd_jax.demos.options import Record
+from crsfd_jax import shapes, task, trained, validation
+from crsfd_jax.config import Config
+from crsfd_jax.demos import builtin, dataset, exchange, record, recordable, replay, rollout
+from crsfd_jax.demos.options import FromRun, Record
 from crsfd_jax.demos.provenance import Provenance, obs_layout
 from crsfd_jax.errors import UserError
 from crsfd_jax.physics.interface import CONTROL_DT
@@ -19,38 +21,41 @@ _TRIALS = 200
 
 def record_file(options: Record, command: str) -> int:
     """Trains the expert, records it and writes the file."""
-    if Path(options.out).exists():
-        raise UserError(
-            f"--out: got {options.out!r}, which exists, allowed: a new file; choose another name"
-        )
+    _reserve(options.out)
 
     def report(env_steps: int, success: float) -> None:
         print(f"expert: {env_steps:7d} steps, success {success:.2f}", flush=True)
 
     print(f"training the expert of shape {options.shape}", flush=True)
     expert = record.train_expert(options, report)
-    trial_key, key = jax.random.split(jax.random.key(options.seed + 1))
-    trials = record.flatten(record.play(options, expert, trial_key, _TRIALS))
-    rate = float(trials.terminated.sum()) / _TRIALS
-    episodes = record.play(options, expert, key, options.episodes)
-    source = _provenance(options, expert, rate, command)
-    steps = record.flatten(episodes)
-    demos = dataset.Demonstrations(
-        obs=np.asarray(steps.obs),
-        action=np.asarray(steps.action),
-        reward=np.asarray(steps.reward),
-        next_obs=np.asarray(steps.next_obs),
-        terminated=np.asarray(steps.terminated),
-        truncated=np.asarray(steps.truncated),
-        episode_length=episodes.length,
-        start_qpos=episodes.start_qpos,
-        socket_offset=episodes.socket_offset,
-        provenance=source,
+    config = record.training_options(options)
+    return _write(options, options.seed, config, expert, command)
+
+
+def record_run(options: FromRun, command: str) -> int:
+    """Records a policy of a run and writes the file."""
+    source = trained.load(options.run)
+    config = dataclasses.replace(
+        source.config,
+        shape=source.config.shape if options.shape is None else options.shape,
+        shift=source.config.shift if options.shift is None else options.shift,
+        engine="auto",
     )
-    dataset.save(options.out, demos)
-    print(dataset.describe(demos))
-    print(f"written to {options.out}")
-    return 0
+    validation.validate(config)
+    if len(shapes.read(config.shape)) > 1:
+        raise UserError(
+            f"--shape: got {config.shape!r}, allowed: one shape; choose one to demonstrate"
+        )
+    if reason := recordable.refusal(config):
+        raise UserError(f"{options.run}: {reason}; choose another run")
+    chosen = trained.choose(options.run, source.config, options.seed)
+    _reserve(options.out)
+    actor = jax.tree.map(lambda leaf: leaf[chosen.index], source.actors)
+    seed = source.config.seed + chosen.index
+    learned = f"{config.algorithm} on shape {shapes.label(source.config.shape)}"
+    described = f"{learned}, seed {seed}, {chosen.env_steps} environment steps"
+    expert = rollout.Expert(source.nets, actor, described)
+    return _write(options, seed, config, expert, command)
 
 
 def show(name: str) -> int:
@@ -84,20 +89,49 @@ def check(name: str) -> int:
     return 1 if lost else 0
 
 
-def _provenance(options: Record, expert: record.Expert, rate: float, command: str) -> Provenance:
-    mdp = options.mdp
-    return Provenance(
-        shape=options.shape,
-        clearance_m=options.scene.clearance,
-        shift_m=0.0,
+def _reserve(out: str) -> None:
+    """Makes the file's folder, before anything takes time.
+
+    Raises:
+      UserError: the file exists, or its folder cannot be made.
+    """
+    if Path(out).exists():
+        raise UserError(
+            f"--out: got {out!r}, which exists, allowed: a new file; choose another name"
+        )
+    try:
+        Path(out).absolute().parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"--out: got {out!r}, allowed: a file in a folder that can be made; choose another "
+            f"({error.strerror})"
+        ) from None
+
+
+def _write(
+    options: Record | FromRun, seed: int, config: Config, expert: rollout.Expert, command: str
+) -> int:
+    env = task.make_env(config)
+    trial_key, key = jax.random.split(jax.random.key(seed + 1))
+    trials = rollout.play(env, expert, options.noise, trial_key, _TRIALS)
+    source = Provenance(
+        shape=config.shape,
+        clearance_m=config.scene.clearance,
+        shift_m=config.shift,
         control_dt_s=CONTROL_DT,
         obs_layout=obs_layout(),
-        action_scale=mdp.action_scale,
-        expert=f"SAC under a dense reward, {expert.env_steps} environment steps",
-        expert_success_rate=rate,
+        action_scale=config.mdp.action_scale,
+        expert=expert.described,
+        expert_success_rate=rollout.success_rate(trials),
         noise=options.noise,
-        seed=options.seed,
+        seed=seed,
         command=command,
         versions={name: importlib.metadata.version(name) for name in _PACKAGES},
         date=datetime.datetime.now(datetime.UTC).date().isoformat(),
     )
+    episodes = rollout.play(env, expert, options.noise, key, options.episodes)
+    demos = rollout.demonstrations(episodes, source)
+    dataset.save(options.out, demos)
+    print(dataset.describe(demos))
+    print(f"written to {options.out}")
+    return 0

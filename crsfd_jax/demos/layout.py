@@ -115,9 +115,10 @@ def check_task(demos: dataset.Demonstrations) -> None:
             f"recorded with control steps of {source.control_dt_s:g} s, expected {CONTROL_DT:g} s; "
             "record it at that rate"
         )
-    scale = [mdp.translation_scale] * 3 + [mdp.rotation_scale] * 3
-    if not np.allclose(source.action_scale, scale):
-        raise UserError(f"action scale {source.action_scale}, expected {scale}; convert it first")
+    if not np.allclose(source.action_scale, mdp.action_scale):
+        raise UserError(
+            f"action scale {source.action_scale}, expected {mdp.action_scale}; convert it first"
+        )
     try:
         shapes.read(source.shape)
     except ValueError as error:

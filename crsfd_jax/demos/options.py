@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+import tyro
+
 from crsfd_jax.config import SHAPES, Mdp, Sac, Scene
 from crsfd_jax.limits import Interval, OneOf
-from crsfd_jax.option_types import Count
+from crsfd_jax.option_types import Count, Length, Shape
 
 
 @dataclass(frozen=True)
@@ -35,3 +37,23 @@ class Record:
     scene: Scene = field(default_factory=Scene)
     mdp: Mdp = field(default_factory=Mdp)
     sac: Sac = field(default_factory=Sac)
+
+
+@dataclass(frozen=True)
+class FromRun:
+    """Records demonstrations of a run's policy: a task that was learned teaches the next one."""
+
+    run: tyro.conf.Positional[str]
+    """Folder of the run."""
+    out: str = "demos.npz"
+    """File to write; an existing one is not overwritten."""
+    seed: str = "best"
+    """Seed whose policy is recorded: a number, or best for the one with the most success."""
+    shape: Shape | None = None
+    """Peg and socket, one shape; the run's own if not given."""
+    shift: Annotated[Length, Interval(0, 0.02)] | None = None
+    """Side of the square of the socket's offset, such as 4mm; the run's own if not given."""
+    episodes: Annotated[int, Interval(1, 10_000)] = 40
+    """Episodes to record; all are kept, whether they succeed or not."""
+    noise: Annotated[float, Interval(0, 100)] = 1.0
+    """Factor on the standard deviation of the policy; 0 for its mean action."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from crsfd_jax import config
 from crsfd_jax.scene import digits
@@ -87,11 +88,11 @@ def model_of(scene: Scene, shape: int, friction: float = 1.0) -> mujoco.MjModel:
 
 
 def place_socket(
-    data: mujoco.MjData, scene: Scene, offset: np.ndarray, yaw: np.ndarray | None = None
+    data: mujoco.MjData, scene: Scene, offset: ArrayLike, yaw: ArrayLike | None = None
 ) -> None:
     """Moves a simulation's socket from the nominal place by [2] m and [] rad about the vertical."""
-    half = 0.0 if yaw is None else float(yaw) / 2
-    data.mocap_pos[0] = scene.nominal + np.array([*offset, 0.0])
+    half = 0.0 if yaw is None else np.asarray(yaw, float) / 2
+    data.mocap_pos[0] = scene.nominal + np.append(offset, 0.0)
     data.mocap_quat[0] = np.cos(half), 0.0, 0.0, np.sin(half)
 
 

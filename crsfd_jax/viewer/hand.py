@@ -10,7 +10,6 @@ from crsfd_jax.demos import dataset, layout
 from crsfd_jax.demos.provenance import Provenance, obs_layout
 from crsfd_jax.env import EnvState, Outcome
 from crsfd_jax.physics.interface import CONTROL_DT
-from crsfd_jax.randomisation import Randomisation
 
 LONGEST = 600
 """Control steps, a minute: an episode by hand that takes longer is truncated."""
@@ -25,11 +24,6 @@ class Taken(NamedTuple):
     outcome: Outcome
 
 
-def scale(mdp: config.Mdp) -> np.ndarray:
-    """[6] m and rad, displacement for an action of 1."""
-    return np.array([mdp.translation_scale] * 3 + [mdp.rotation_scale] * 3)
-
-
 def action_towards(mdp: config.Mdp, tip: np.ndarray, goal: np.ndarray) -> np.ndarray:
     """[1, 6] float32 action that brings the tip's setpoint as near to a goal as one step can.
 
@@ -37,19 +31,7 @@ def action_towards(mdp: config.Mdp, tip: np.ndarray, goal: np.ndarray) -> np.nda
       tip: [6] m and rad, in the nominal socket's frame.
       goal: [6] likewise.
     """
-    return np.clip((goal - tip) / scale(mdp), -1, 1)[None].astype(np.float32)
-
-
-def refusal(options: config.Config) -> str:
-    """Why demonstrations of this task could not be replayed, or "" if they could."""
-    usual, mdp = config.Scene(clearance=options.scene.clearance), config.Mdp()
-    if options.scene != usual:
-        return "recording needs the default footprint and friction of the scene"
-    if not np.array_equal(scale(options.mdp), scale(mdp)):
-        return "recording needs the default action scales"
-    if options.randomisation != Randomisation():
-        return "recording needs a run without randomisation"
-    return ""
+    return np.clip((goal - tip) / np.array(mdp.action_scale), -1, 1)[None].astype(np.float32)
 
 
 def episode(steps: list[Taken]) -> layout.Episode:
@@ -89,7 +71,7 @@ def demonstrations(
         shift_m=shift,
         control_dt_s=CONTROL_DT,
         obs_layout=obs_layout(),
-        action_scale=scale(options.mdp).tolist(),
+        action_scale=options.mdp.action_scale,
         expert="recorded by hand",
         expert_success_rate=float(np.mean(success)) if success else 0.0,
         noise=0.0,

@@ -9,6 +9,7 @@ import jax
 import mujoco
 import numpy as np
 
+from crsfd_jax.demos import recordable
 from crsfd_jax.env import EnvState
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.viewer import drawing, hand, panel, pose
@@ -168,7 +169,7 @@ def _on_reset(session: Session, _: Any) -> None:
 
 
 def _on_recording(session: Session, _: Any) -> None:
-    session.message = hand.refusal(session.live.config)
+    session.message = recordable.refusal(session.live.config)
     if session.message:
         return
     controls, tape = session.panel, session.tape

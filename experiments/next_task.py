@@ -1,0 +1,15 @@
+"""A learned task teaches the next: demonstrations of a policy that searches, shape 2 with 8 mm.
+
+Hypothesis: demonstrations recorded with a moved hole hold the search for it, which those of the
+nominal place do not, so both methods learn sooner. Their positions are spread over the places of
+the hole already, so the potential is fitted to them as they are.
+
+The demonstrations are made before, from a run of setting 2, in half a minute:
+    python -m crsfd_jax.demos from-run runs/setting2/crsfd-shape0-shift8mm-seed0x5 \\
+        --out runs/demos/search.npz
+"""
+
+from crsfd_jax.sweeps.grid import axis, grid, methods
+
+DEMOS = (("--demos", "runs/demos/search.npz", "--potential.spread", "0mm"),)
+CELLS = grid(methods("crsfd", "sacfd"), axis("--shape", "2"), axis("--shift", "8mm"), DEMOS)

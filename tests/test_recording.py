@@ -1,0 +1,111 @@
+"""A run's policy demonstrates: what is recorded is what it does, and replays as it was."""
+
+import dataclasses
+
+import finished_run
+import jax
+import numpy as np
+import pytest
+
+from crsfd_jax import config, trained
+from crsfd_jax.demos import __main__ as demos_command
+from crsfd_jax.demos import builtin, dataset, recordable, replay
+from crsfd_jax.errors import UserError
+from crsfd_jax.learn import networks
+from crsfd_jax.randomisation import Randomisation
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """(demonstrations of the policy made by hand without noise, its run, the file)."""
+    folder = tmp_path_factory.mktemp("recorded")
+    run, file = finished_run.write(folder / "run"), folder / "new" / "demos.npz"
+    line = ["from-run", str(run), "--out", str(file), "--noise", "0", "--episodes", "6"]
+    assert demos_command.run(line) == 0
+    return builtin.load(str(file)), run, file
+
+
+def test_the_best_policy_is_recorded_with_where_it_comes_from(recorded):
+    demos, _, _ = recorded
+    source = demos.provenance
+    assert (source.shape, source.shift_m, source.clearance_m) == ("2", 0.0, 1e-3)
+    assert (source.noise, source.expert_success_rate) == (0.0, 1.0)
+    assert source.expert == "crsfd on shape 2, seed 4, 2000 environment steps"
+    assert dataset.episode_success(demos).all() and len(demos.episode_length) == 6
+
+
+def mean_action(obs):
+    """What the last layer of the policy made by hand gives before tanh, in numpy."""
+    layers, x = finished_run.expert_actor(), obs.astype(float)
+    for i, (kernel, bias) in enumerate(zip(layers[::2], layers[1::2], strict=True)):
+        x = x @ kernel + bias
+        x = np.maximum(x, 0) if i < 2 else x
+    return x[:, :6]
+
+
+def test_its_actions_are_those_of_the_policy(recorded):
+    demos, _, _ = recorded
+    np.testing.assert_allclose(demos.action, np.tanh(mean_action(demos.obs)), atol=1e-5)
+
+
+def test_it_replays_to_the_same_ends(recorded):
+    played = replay.replay(recorded[0], "native")
+    assert played.success.all() and np.median(played.deviation) < 1e-4
+
+
+def test_noise_and_a_shift_make_other_episodes(recorded):
+    _, run, file = recorded
+    other = file.with_name("other.npz")
+    line = ["from-run", str(run), "--out", str(other), "--shift", "1mm", "--episodes", "9"]
+    assert demos_command.run(line) == 0
+    demos = builtin.load(str(other))
+    assert demos.provenance.shift_m == 1e-3 and 0 < np.abs(demos.socket_offset).max() <= 5e-4
+    policies = trained.load(run)
+    actor = jax.tree.map(lambda leaf: leaf[1], policies.actors)
+    _, log_std = networks.apply(policies.nets.actor, actor, demos.obs)
+    inside = np.abs(demos.action) < 0.999
+    unbounded = np.arctanh(np.clip(demos.action, -0.999, 0.999))
+    noise = (unbounded - mean_action(demos.obs)) / np.exp(log_std)
+    assert inside.sum() > 300
+    for axis in range(3, 6):
+        drawn = noise[inside[:, axis], axis]
+        np.testing.assert_allclose([drawn.mean(), drawn.std()], [0, 1], atol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("extra", "reason"),
+    [
+        (["--seed", "7"], "--seed: got '7', allowed: best, 3, 4"),
+        (["--seed", "3"], "no.npz: no successful episode among 40; record with a better expert"),
+        (["--shape", "all"], "--shape: got 'all', allowed: one shape"),
+        (["--shape", "9"], "--shape: got '9'"),
+        (["--shift", "9"], "got '9', allowed: a non-negative number with the unit"),
+        (["--shift", "9cm"], "--shift: got 90mm, allowed: at least 0mm and at most 20mm"),
+        (["--episodes", "0"], "--episodes: got 0"),
+    ],
+)
+def test_a_recording_that_is_of_no_use_is_refused(recorded, extra, reason):
+    _, run, file = recorded
+    with pytest.raises(UserError, match=r"got|no successful") as refused:
+        demos_command.run(["from-run", str(run), "--out", str(file.with_name("no.npz")), *extra])
+    assert reason in str(refused.value) and not file.with_name("no.npz").exists()
+
+
+def test_a_file_is_not_overwritten(recorded):
+    _, run, file = recorded
+    before = file.read_bytes()
+    with pytest.raises(UserError, match="which exists"):
+        demos_command.run(["from-run", str(run), "--out", str(file)])
+    assert file.read_bytes() == before
+
+
+def test_recording_is_refused_where_a_replay_could_not_follow():
+    options = finished_run.OPTIONS
+    assert recordable.refusal(options) == ""
+    assert recordable.refusal(dataclasses.replace(options, scene=config.Scene(2e-3))) == ""
+    for changed in (
+        {"scene": config.Scene(footprint=0.05)},
+        {"mdp": config.Mdp(translation_scale=0.02)},
+        {"randomisation": Randomisation(socket_yaw=(-0.1, 0.1))},
+    ):
+        assert "recording needs" in recordable.refusal(dataclasses.replace(options, **changed))
