@@ -16,6 +16,7 @@ import json
 import logging
 import os
 import platform
+import re
 import shutil
 import socket
 from collections.abc import Iterator, Mapping, Sequence
@@ -118,6 +119,12 @@ def refuse_full_disk(run: RunFolder, checkpoint_bytes: int) -> None:
             f"{run.path}: the disk has {free / 1e6:.0f} MB free, expected {needed / 1e6:.0f} MB "
             "for checkpoints; free some, choose another --out or lower --replay.capacity"
         )
+
+
+def saved_steps(checkpoints: Path) -> list[int]:
+    """Vector steps with a checkpoint, newest first."""
+    names = (entry.name for entry in checkpoints.glob("*") if entry.is_dir())
+    return sorted((int(n) for n in names if re.fullmatch("0|[1-9][0-9]*", n)), reverse=True)
 
 
 def _is_about(path: Path, error: OSError) -> bool:

@@ -72,7 +72,7 @@ def restored(
       UserError: they have no intact step in common.
     """
     while True:
-        saved = [set(checkpoints.steps(folder.checkpoints)) for folder in folders]
+        saved = [set(artefacts.saved_steps(folder.checkpoints)) for folder in folders]
         common = set.intersection(*saved)
         if any(saved) and not common:
             pairs = zip(folders, saved, strict=True)

@@ -10,7 +10,6 @@ import itertools
 import json
 import logging
 import math
-import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +19,7 @@ import jax
 import numpy as np
 
 from crsfd_jax import array_store
+from crsfd_jax.artefacts import saved_steps
 from crsfd_jax.errors import STOPPED, UserError
 from crsfd_jax.files import sync, sync_tree
 from crsfd_jax.leaves import (
@@ -91,7 +91,7 @@ def save(folder: Path, step: int, state: Any, extra: dict[str, Any]) -> None:
             _remove_leftovers(folder)
         message = _storage_message(folder, step, stored_bytes(state), error)
         raise UserError(message, STOPPED) from error
-    for old in steps(folder)[KEEP:]:
+    for old in saved_steps(folder)[KEEP:]:
         _discard(folder / str(old))
 
 
@@ -109,7 +109,7 @@ def restore(folder: Path, like: Any, at_most: float = math.inf) -> Checkpoint | 
     """
     folder = folder.absolute()
     _remove_leftovers(folder)
-    for step in steps(folder):
+    for step in saved_steps(folder):
         if step > at_most:
             _discard(folder / str(step))
             continue
@@ -200,12 +200,6 @@ def _text_digest(text: str) -> str:
 
 def _slot(position: int) -> str:
     return f"{position:05d}"
-
-
-def steps(folder: Path) -> list[int]:
-    """Steps with a checkpoint, newest first."""
-    names = (entry.name for entry in folder.glob("*") if entry.is_dir())
-    return sorted((int(n) for n in names if re.fullmatch("0|[1-9][0-9]*", n)), reverse=True)
 
 
 def _discard(path: Path) -> None:

@@ -57,15 +57,9 @@ def is_finished(folder: Path, config: Config) -> bool:
         return False
     evaluated = (env_steps >= config.steps).sum() >= config.seeds
     # A policy is also written when a run is only stopped; that of the end, before its checkpoint.
-    saved = saved_step(folder) or config.steps
+    saved = max(artefacts.saved_steps(folder / "checkpoints"), default=config.steps)
     final = saved * config.envs >= config.steps and (folder / _POLICY).is_file()
     return bool(same and evaluated and final)
-
-
-def saved_step(folder: Path) -> int:
-    """Vector step of a run's newest checkpoint; 0 without one."""
-    names = (entry.name for entry in (folder / "checkpoints").glob("[0-9]*"))
-    return max((int(name) for name in names if name.isdecimal()), default=0)
 
 
 def is_held(path: Path) -> bool:
