@@ -135,7 +135,8 @@ class Potential:
     """Widths of the hidden layers."""
     spread: Annotated[Length, Interval(0, 0.02)] | None = None
     """Side of the square in which demonstrated positions are moved about in the regression, since
-    the socket may stand anywhere in it; --shift if not given, 0mm for the paper's potential."""
+    the socket may stand anywhere in it; --shift less that of the demonstrations if not given, 0mm
+    for the paper's potential."""
     terminal: Literal["zero", "keep"] = "keep"
     """Potential of the success state: kept as fitted, or zero (Ng et al. 1999)."""
 

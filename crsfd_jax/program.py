@@ -77,7 +77,7 @@ def build(configs: Sequence[Config], demos: Demonstrations) -> Program:
     first = configs[0]
     _, scene = task.engine(device.engine_name(first), first.scene)
     sampler = make_free_space(scene, first.potential.free_space_extent)
-    preparation = Preparation(demos=transitions, free_space=sampler)
+    preparation = Preparation(transitions, sampler, demos.provenance.shift_m)
     whole = _with_all_shapes(configs)
     return assemble(configs, lambda drawn: task.make_env(whole, drawn=drawn), preparation)
 

@@ -11,5 +11,5 @@ The demonstrations are made before, from a run of setting 2, in half a minute:
 
 from crsfd_jax.sweeps.grid import axis, grid, methods
 
-DEMOS = (("--demos", "runs/demos/search.npz", "--potential.spread", "0mm"),)
-CELLS = grid(methods("crsfd", "sacfd"), axis("--shape", "2"), axis("--shift", "8mm"), DEMOS)
+TASK = (("--shape", "2", "--shift", "8mm"),)
+CELLS = grid(methods("crsfd", "sacfd"), TASK, axis("--demos", "runs/demos/search.npz"))

@@ -243,11 +243,11 @@ def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
         found = jnp.zeros((count, OBS_SIZE))
         return found.at[:, TIP_POSE].set(jax.random.uniform(key, (count, 6), minval=-5, maxval=5))
 
-    def drop(shift, spread):
+    def drop(shift, spread, demo_shift=0.0):
         """How far the potential falls from the nominal mouth to 4 mm aside."""
         options = config.Potential(steps=1500, spread=spread)
         run = config.Config(shift=shift, potential=options)
-        fitted = crsfd.prepare(jax.random.key(0), Preparation(demos, around), run)
+        fitted = crsfd.prepare(jax.random.key(0), Preparation(demos, around, demo_shift), run)
         mouth = np.zeros((3, 6), np.float32)
         mouth[1, 0], mouth[2, :2] = 0.004, -0.003
         middle, *aside = np.asarray(potential.evaluate(fitted, mouth / POSE_SCALE))
@@ -256,3 +256,5 @@ def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
     assert drop(0.0, None) > 3 * abs(drop(0.008, None))
     assert drop(0.008, 0.0) == drop(0.0, None)
     assert drop(0.0, 0.008) == drop(0.008, None)
+    assert drop(0.008, None, demo_shift=0.008) == drop(0.004, None, demo_shift=0.006)
+    assert drop(0.008, None, demo_shift=0.008) == drop(0.0, None)

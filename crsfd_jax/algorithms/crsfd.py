@@ -5,7 +5,8 @@ angles follow from it, and velocities would let a network tell demonstrations fr
 
 Where the socket of the new task may have moved by an unknown offset, the demonstrations are
 moved as it may have: the potential is their value averaged over the places of the socket. One
-that is fitted to the demonstrated place alone has its top there, beside the hole.
+that is fitted to the demonstrated place alone has its top there, beside the hole. Demonstrations
+whose sockets had moved themselves are moved by what is left of the square.
 """
 
 import functools
@@ -28,15 +29,20 @@ def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potenti
     def sample_features(key: jax.Array, count: int) -> jax.Array:
         return preparation.free_space(key, count)[..., TIP_POSE]
 
-    spread = config.shift if config.potential.spread is None else config.potential.spread
+    spread = config.potential.spread
+    if spread is None:
+        spread = config.shift - preparation.demo_shift
     move = functools.partial(moved, spread=spread)
     poses = obs[..., TIP_POSE]
     return potential.fit(key, poses, targets, sample_features, config.potential, move)[0]
 
 
 def moved(key: jax.Array, poses: jax.Array, spread: float) -> jax.Array:
-    """Tip poses [n, 6], in units of POSE_SCALE, each moved in a square of this side, m, in x, y."""
-    half = jnp.asarray(spread / 2 / POSE_SCALE[:2])
+    """Tip poses [n, 6], in units of POSE_SCALE, each moved in a square of this side, m, in x, y.
+
+    A side that is not positive moves nothing.
+    """
+    half = jnp.maximum(spread / 2 / POSE_SCALE[:2], 0.0)
     return poses.at[:, :2].add(jax.random.uniform(key, (len(poses), 2), minval=-half, maxval=half))
 
 

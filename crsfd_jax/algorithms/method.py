@@ -21,6 +21,8 @@ class Preparation(NamedTuple):
     demos: Transition
     """[D] demonstrations."""
     free_space: FreeSpace
+    demo_shift: float = 0.0
+    """m, side of the square in which the sockets of the demonstrations stood."""
 
 
 def _as_given(config: Config) -> Config:

@@ -71,7 +71,8 @@ def fit(config: Config) -> tuple[Phi, np.ndarray]:
     transitions = Transition(**{name: jnp.asarray(getattr(demos, name)) for name in names})
     sampler = free_space.make(build(config.scene), config.potential.free_space_extent)
     key = jax.random.key(config.seed)
-    fitted = crsfd.prepare(key, Preparation(transitions, sampler), config)
+    preparation = Preparation(transitions, sampler, demos.provenance.shift_m)
+    fitted = crsfd.prepare(key, preparation, config)
 
     def phi(poses: np.ndarray) -> np.ndarray:
         features = jnp.clip(jnp.asarray(poses / POSE_SCALE), -CLIP, CLIP)
