@@ -18,17 +18,18 @@ HELD_OUT = "held_out.csv"
 
 
 def collect(run: Path) -> Path:
-    """Copies one run folder's tables and config.json under the folder's name."""
+    """Copies one run folder's tables and config.json under its experiment's name and its own."""
     manifest = json.loads((run / "config.json").read_text())
     del manifest["command"]
     for option in PRIVATE:
         manifest["config"][option] = Path(manifest["config"][option]).name
-    RESULTS.mkdir(exist_ok=True)
-    shutil.copyfile(run / "metrics.csv", RESULTS / f"{run.name}.csv")
+    folder = RESULTS / run.resolve().parent.name
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(run / "metrics.csv", folder / f"{run.name}.csv")
     if (run / HELD_OUT).exists():
-        shutil.copyfile(run / HELD_OUT, RESULTS / f"{run.name}-{HELD_OUT}")
-    (RESULTS / f"{run.name}.json").write_text(json.dumps(manifest, indent=1) + "\n")
-    return RESULTS / f"{run.name}.csv"
+        shutil.copyfile(run / HELD_OUT, folder / f"{run.name}-{HELD_OUT}")
+    (folder / f"{run.name}.json").write_text(json.dumps(manifest, indent=1) + "\n")
+    return folder / f"{run.name}.csv"
 
 
 def main(folders: list[str]) -> None:
