@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 
@@ -20,7 +19,6 @@ from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
 from crsfd_jax.train_step import Learner, TrainState
-from crsfd_jax.types import Transition
 
 CHUNK_STEPS = 16
 """Vector steps compiled as one program call; a signal is answered after at most one call."""
@@ -71,13 +69,10 @@ def build(configs: Sequence[Config], demos: Demonstrations) -> Program:
     Args:
       configs: of a run, or of several that `together.require_alike` lets share a program.
     """
-    transitions = Transition(
-        **{f.name: jnp.asarray(getattr(demos, f.name)) for f in dataclasses.fields(Transition)}
-    )
     first = configs[0]
     _, scene = task.engine(device.engine_name(first), first.scene)
     sampler = make_free_space(scene, first.potential.free_space_extent)
-    preparation = Preparation(transitions, sampler, demos.provenance.shift_m)
+    preparation = Preparation.of(demos, sampler)
     whole = _with_all_shapes(configs)
     return assemble(configs, lambda drawn: task.make_env(whole, drawn=drawn), preparation)
 

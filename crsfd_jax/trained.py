@@ -28,6 +28,7 @@ class Chosen(NamedTuple):
 
     index: int
     """Position among the seeds of the run."""
+    seed: int
     success: float
     episodes: int
     env_steps: int
@@ -68,9 +69,16 @@ def choose(run: str | Path, config: Config, wanted: str) -> Chosen:
         raise UserError(f"--seed: got {wanted!r}, allowed: {allowed}; choose one of them")
     order = np.lexsort((last["seed"], last["eval/episode_length"], -last["eval/success_rate"]))
     row = int(order[0]) if wanted == "best" else names.index(wanted)
+    seed = int(last["seed"][row])
     return Chosen(
-        index=int(last["seed"][row]) - config.seed,
+        index=seed - config.seed,
+        seed=seed,
         success=float(last["eval/success_rate"][row]),
         episodes=int(last["eval/episodes"][row]),
         env_steps=int(last["env_steps"][row]),
     )
+
+
+def actor(policies: Trained, chosen: Chosen) -> Params:
+    """The parameters of one seed's policy."""
+    return jax.tree.map(lambda leaf: leaf[chosen.index], policies.actors)

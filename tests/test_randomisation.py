@@ -181,7 +181,7 @@ def test_each_reading_has_noise_of_its_own_and_the_same_again_for_the_same_key(w
 
 
 @pytest.mark.parametrize("turned", [True, False])
-def test_a_turned_socket_takes_a_peg_that_is_turned_as_far(world, links, at_rest, turned):
+def test_a_turned_socket_takes_a_peg_that_is_turned_as_far(world, at_rest, turned):
     made = world(socket_yaw=(0.06, 0.08))
     state = made.reset(KEY, COUNT)
     around = state.around

@@ -87,7 +87,7 @@ def assert_whole(out: Path, name: str):
 @pytest.mark.parametrize("path", cells.available(), ids=lambda path: path.stem)
 def test_every_cell_of_an_experiment_is_a_run_of_its_own(path):
     found = experiment(path.stem)
-    assert found.description and len(found.cells) >= 2
+    assert found.description and len(found.cells) >= (2 if path.stem == "next_task" else 5)
     assert len({cell.name for cell in found.cells}) == len(found.cells)
     for cell in found.cells:
         assert cell.name.startswith(f"{cell.config.algorithm}-shape")

@@ -1,11 +1,13 @@
 """What a learning method may change about the common learner; each method says only that."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import jax
+import jax.numpy as jnp
 
 from crsfd_jax.config import Config
+from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.learn import replay, sac
 from crsfd_jax.learn.networks import Networks
 from crsfd_jax.learn.replay import Batch, Draw, ReplayState
@@ -23,6 +25,13 @@ class Preparation(NamedTuple):
     free_space: FreeSpace
     demo_shift: float = 0.0
     """m, side of the square in which the sockets of the demonstrations stood."""
+
+    @classmethod
+    def of(cls, demos: Demonstrations, free_space: FreeSpace) -> Self:
+        """With demonstrations as they are read from a file."""
+        names = Transition.__dataclass_fields__
+        transitions = Transition(**{name: jnp.asarray(getattr(demos, name)) for name in names})
+        return cls(transitions, free_space, demos.provenance.shift_m)
 
 
 def _as_given(config: Config) -> Config:

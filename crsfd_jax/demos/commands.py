@@ -1,7 +1,6 @@
 """What the demonstration commands do."""
 
 import dataclasses
-import datetime
 import importlib.metadata
 from pathlib import Path
 
@@ -11,9 +10,7 @@ from crsfd_jax import shapes, task, trained, validation
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin, dataset, exchange, record, recordable, replay, rollout
 from crsfd_jax.demos.options import FromRun, Record
-from crsfd_jax.demos.provenance import Provenance, obs_layout
 from crsfd_jax.errors import UserError
-from crsfd_jax.physics.interface import CONTROL_DT
 
 _PACKAGES = ("crsfd-jax", "jax", "mujoco", "numpy")
 _TRIALS = 200
@@ -50,12 +47,10 @@ def record_run(options: FromRun, command: str) -> int:
         raise UserError(f"{options.run}: {reason}; choose another run")
     chosen = trained.choose(options.run, source.config, options.seed)
     _reserve(options.out)
-    actor = jax.tree.map(lambda leaf: leaf[chosen.index], source.actors)
-    seed = source.config.seed + chosen.index
     learned = f"{config.algorithm} on shape {shapes.label(source.config.shape)}"
-    described = f"{learned}, seed {seed}, {chosen.env_steps} environment steps"
-    expert = rollout.Expert(source.nets, actor, described)
-    return _write(options, seed, config, expert, command)
+    described = f"{learned}, seed {chosen.seed}, {chosen.env_steps} environment steps"
+    expert = rollout.Expert(source.nets, trained.actor(source, chosen), described)
+    return _write(options, chosen.seed, config, expert, command)
 
 
 def show(name: str) -> int:
@@ -114,20 +109,14 @@ def _write(
     env = task.make_env(config)
     trial_key, key = jax.random.split(jax.random.key(seed + 1))
     trials = rollout.play(env, expert, options.noise, trial_key, _TRIALS)
-    source = Provenance(
-        shape=config.shape,
-        clearance_m=config.scene.clearance,
-        shift_m=config.shift,
-        control_dt_s=CONTROL_DT,
-        obs_layout=obs_layout(),
-        action_scale=config.mdp.action_scale,
+    source = recordable.provenance(
+        config,
         expert=expert.described,
         expert_success_rate=rollout.success_rate(trials),
         noise=options.noise,
         seed=seed,
         command=command,
         versions={name: importlib.metadata.version(name) for name in _PACKAGES},
-        date=datetime.datetime.now(datetime.UTC).date().isoformat(),
     )
     episodes = rollout.play(env, expert, options.noise, key, options.episodes)
     demos = rollout.demonstrations(episodes, source)

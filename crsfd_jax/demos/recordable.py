@@ -1,6 +1,10 @@
-"""Which tasks demonstrations can be recorded in: those that a replay can set up again."""
+"""Recording in a task: whether a replay can set it up again, and what a file says of it."""
+
+import datetime
 
 from crsfd_jax import config
+from crsfd_jax.demos.provenance import Provenance, obs_layout
+from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.randomisation import Randomisation
 
 
@@ -13,3 +17,31 @@ def refusal(options: config.Config) -> str:
     if options.randomisation != Randomisation():
         return "recording needs a run without randomisation"
     return ""
+
+
+def provenance(
+    task: config.Config,
+    *,
+    expert: str,
+    expert_success_rate: float,
+    noise: float,
+    seed: int,
+    command: str,
+    versions: dict[str, str],
+) -> Provenance:
+    """Of a recording that is made today in a task of one shape."""
+    return Provenance(
+        shape=task.shape,
+        clearance_m=task.scene.clearance,
+        shift_m=task.shift,
+        control_dt_s=CONTROL_DT,
+        obs_layout=obs_layout(),
+        action_scale=task.mdp.action_scale,
+        expert=expert,
+        expert_success_rate=expert_success_rate,
+        noise=noise,
+        seed=seed,
+        command=command,
+        versions=versions,
+        date=datetime.datetime.now(datetime.UTC).date().isoformat(),
+    )

@@ -53,7 +53,7 @@ def describe(trained: Trained, chosen: Chosen, file: str) -> dict[str, Any]:
         "randomisation": _randomisation(config.randomisation),
         "trained": {
             "algorithm": config.algorithm,
-            "seed": config.seed + chosen.index,
+            "seed": chosen.seed,
             "env_steps": chosen.env_steps,
             "success_rate": chosen.success,
             "episodes": chosen.episodes,

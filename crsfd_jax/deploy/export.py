@@ -44,7 +44,7 @@ def export(run: str, form: str, seed: str, out: str) -> Exported:
     """
     source = trained.load(run)
     chosen = trained.choose(run, source.config, seed)
-    actor = jax.tree.map(lambda leaf: leaf[chosen.index], source.actors)
+    actor = trained.actor(source, chosen)
     kind = FORMATS[form]
     folder = Path(out or Path(run) / "export" / form)
     path = folder / f"{FILE}{kind.suffix}"
@@ -64,8 +64,7 @@ def export(run: str, form: str, seed: str, out: str) -> Exported:
         with jax.default_matmul_precision("highest"):
             return np.asarray(mode_action(source.nets.actor, actor, jnp.asarray(obs)))
 
-    number = source.config.seed + chosen.index
-    return Exported(path, number, act, kind.read(path.read_bytes()))
+    return Exported(path, chosen.seed, act, kind.read(path.read_bytes()))
 
 
 def largest_difference(exported: Exported) -> float:

@@ -24,7 +24,6 @@ from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.figures import clean, save
 from crsfd_jax.scene.build import build
 from crsfd_jax.scene.digits import HOLE_DEPTH
-from crsfd_jax.types import Transition
 
 Phi = Callable[[np.ndarray], np.ndarray]
 """Potential [...] of upright or tilted poses [..., 6]: tip position (m) and rotation vector (rad)
@@ -67,12 +66,9 @@ def fit(config: Config) -> tuple[Phi, np.ndarray]:
       UserError: the demonstrations cannot be used.
     """
     demos = builtin.load(config.demos, config.demo_episodes)
-    names = Transition.__dataclass_fields__
-    transitions = Transition(**{name: jnp.asarray(getattr(demos, name)) for name in names})
     sampler = free_space.make(build(config.scene), config.potential.free_space_extent)
     key = jax.random.key(config.seed)
-    preparation = Preparation(transitions, sampler, demos.provenance.shift_m)
-    fitted = crsfd.prepare(key, preparation, config)
+    fitted = crsfd.prepare(key, Preparation.of(demos, sampler), config)
 
     def phi(poses: np.ndarray) -> np.ndarray:
         features = jnp.clip(jnp.asarray(poses / POSE_SCALE), -CLIP, CLIP)

@@ -1,15 +1,13 @@
 """Demonstrations by a person's hand: a goal for the tip becomes actions, and episodes a file."""
 
-import datetime
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
 
 from crsfd_jax import artefacts, config
-from crsfd_jax.demos import dataset, layout
-from crsfd_jax.demos.provenance import Provenance, obs_layout
+from crsfd_jax.demos import dataset, layout, recordable
 from crsfd_jax.env import EnvState, Outcome
-from crsfd_jax.physics.interface import CONTROL_DT
 
 LONGEST = 600
 """Control steps, a minute: an episode by hand that takes longer is truncated."""
@@ -65,19 +63,13 @@ def demonstrations(
       UserError: there is no episode.
     """
     success = [bool(one.terminated[-1]) for one in episodes]
-    source = Provenance(
-        shape=shape,
-        clearance_m=options.scene.clearance,
-        shift_m=shift,
-        control_dt_s=CONTROL_DT,
-        obs_layout=obs_layout(),
-        action_scale=options.mdp.action_scale,
+    source = recordable.provenance(
+        dataclasses.replace(options, shape=shape, shift=shift),
         expert="recorded by hand",
         expert_success_rate=float(np.mean(success)) if success else 0.0,
         noise=0.0,
         seed=0,
         command=command,
         versions=artefacts.versions(),
-        date=datetime.datetime.now(datetime.UTC).date().isoformat(),
     )
     return layout.join(episodes, source)
