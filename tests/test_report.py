@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from crsfd_jax import algorithms, metrics
-from crsfd_jax.config import ALGORITHMS, Config, Potential, to_dict
+from crsfd_jax.config import ALGORITHMS, Config, Evaluation, Potential, to_dict
 from crsfd_jax.errors import UserError
-from crsfd_jax.randomisation import TRAINING
+from crsfd_jax.randomisation import TRAINING, Randomisation
 from crsfd_jax.report import __main__ as program
 from crsfd_jax.report import cells as grouping
 from crsfd_jax.report import (
@@ -23,6 +23,7 @@ from crsfd_jax.report import (
     html,
     layout,
     page,
+    pairing,
     runs,
     tables,
     trials,
@@ -45,10 +46,14 @@ def rising(start, top=1.0, seeds=5):
 
 
 def make_run(
-    folder, method="crsfd", shape="2", shift=0.0, values=None, seed=0, steps=1000, **other
+    folder, method="crsfd", shape="2", shift=0.0, values=None, seed=0, steps=1000, every=1, **other
 ):
-    """A run folder with success [T, S] at STEPS; `other` are options of the top level."""
-    values = rising(200) if values is None else values
+    """A run folder with success [T, S] at STEPS; `other` are options of the top level.
+
+    Of the values the first of each `every` are left out: evaluations further apart.
+    """
+    values = (rising(200) if values is None else values)[every - 1 :: every]
+    other["evaluation"] = Evaluation(every=100 * every)
     options = Config(
         algorithm=method,
         shape=shape,
@@ -63,7 +68,7 @@ def make_run(
     (folder / "config.json").write_text(json.dumps(described))
     rows = [
         {"env_steps": step, "seed": seed + i, "eval/success_rate": rate, "time/wall_s": step / 10}
-        for step, row in zip(STEPS, values, strict=False)
+        for step, row in zip(STEPS[every - 1 :: every], values, strict=False)
         for i, rate in enumerate(row)
     ]
     metrics.append(folder / "metrics.csv", rows)
@@ -145,7 +150,7 @@ def test_options_that_an_older_run_does_not_know_have_their_default(tmp_path):
 def test_seeds_from_several_folders_make_one_cell_and_repeats_are_left_out(tmp_path):
     make_run(tmp_path / "a", seed=0)
     make_run(tmp_path / "b", seed=5)
-    make_run(tmp_path / "short", values=rising(200)[:4], steps=400)
+    make_run(tmp_path / "short", values=rising(200)[:4])
     found, left_out = grouping.gather(runs.find([tmp_path]).runs)
     assert len(found) == 1 and found[0].seeds.tolist() == list(range(10))
     assert found[0].finished and found[0].steps == 1000
@@ -157,7 +162,7 @@ def test_other_options_make_a_variant_and_not_the_same_cell(tmp_path):
     make_run(tmp_path / "b", potential=Potential(gamma=0.9))
     plain, other = cells_of(tmp_path)
     assert plain.variant == "" and other.variant == "potential.gamma 0.9"
-    assert list(evidence.index([plain, other])) == [("crsfd", Task("2", 0.0))]
+    assert list(pairing.index([plain, other])) == [("crsfd", Task("2", 0.0))]
 
 
 def test_crsfd_with_a_part_switched_off_is_that_ablation(tmp_path):
@@ -204,6 +209,34 @@ def test_methods_are_compared_up_to_the_steps_that_both_have_made(tmp_path):
     expected = np.trapezoid(ours - theirs, dx=100) / 500
     assert found.area.value == pytest.approx(expected, abs=0.02)
     assert found.better_area == (1, 1, 1)
+
+
+def test_equal_curves_compare_as_equal_however_often_they_were_evaluated(tmp_path):
+    make_run(tmp_path / "a", values=rising(100), every=3)
+    make_run(tmp_path / "b", "sacfd", values=rising(100)[:7], steps=700)
+    found = compare([tuple(cells_of(tmp_path))])
+    assert found.steps == (600,)
+    assert found.area == found.final == (0, 0, 0)
+
+
+def test_of_runs_of_several_lengths_those_with_most_evaluations_in_common_are_compared(tmp_path):
+    make_run(tmp_path / "long", every=5)
+    make_run(tmp_path / "short", values=rising(100)[:6], steps=600)
+    make_run(tmp_path / "rival", "sqil", values=rising(100)[:6], steps=600)
+    make_run(tmp_path / "other", "sacfd", every=5)
+    found = cells_of(tmp_path)
+    assert [cell.steps for cell in found] == [1000, 600, 1000, 600]
+    ((ours, theirs),) = pairing.rivals(found, "crsfd")["sqil"]
+    assert (ours.steps, theirs.steps) == (600, 600)
+    ((ours, theirs),) = pairing.rivals(found, "crsfd")["sacfd"]
+    assert (ours.steps, theirs.steps) == (1000, 1000)
+    assert [cell.steps for cell in pairing.longest(found)] == [1000, 1000, 600]
+    part = evidence.ahead(pairing.index(found), [Task("2", 0.0)], "crsfd", "sqil", "area")
+    assert "+0.000 [+0.000, +0.000]" in part.numbers
+    (figure,) = layout.figures(found)
+    assert [cell.steps for cell in figure.panels[0].cells] == [1000, 1000, 600]
+    assert not [line for line in gaps.lines(found, [figure]) if "CRSfD" in line]
+    assert any("SQIL was given 600 steps, others 1,000" in line for line in gaps.lines(found, []))
 
 
 def test_figures_are_laid_out_as_in_the_paper(tmp_path):
@@ -253,7 +286,7 @@ def test_every_cell_is_drawn_somewhere(tmp_path):
 def test_being_ahead_is_judged_by_the_interval_of_the_difference(tmp_path, ours, theirs, verdict):
     make_run(tmp_path / "a", values=ours)
     make_run(tmp_path / "b", "sacfd", values=theirs)
-    book = evidence.index(cells_of(tmp_path))
+    book = pairing.index(cells_of(tmp_path))
     part = evidence.ahead(book, [Task("2", 0.0)], "crsfd", "sacfd", "area")
     assert part.verdict == verdict, part.numbers
 
@@ -264,7 +297,7 @@ def test_being_alike_is_judged_by_the_margin(tmp_path, late, verdict):
     theirs = np.stack([rising(start, seeds=1)[:, 0] for start in spread], axis=1)
     make_run(tmp_path / "a", values=np.repeat(rising(0, seeds=1), 5, axis=1))
     make_run(tmp_path / "b", "sacfd", values=theirs)
-    book = evidence.index(cells_of(tmp_path))
+    book = pairing.index(cells_of(tmp_path))
     part = evidence.close(book, Task("2", 0.0), "crsfd", "sacfd", "area")
     assert part.verdict == verdict, part.numbers
 
@@ -281,7 +314,7 @@ def test_nothing_is_decided_without_data(tmp_path, other, reason):
     make_run(tmp_path / "a")
     if other:
         make_run(tmp_path / "b", "sacfd", **other)
-    book = evidence.index(cells_of(tmp_path))
+    book = pairing.index(cells_of(tmp_path))
     part = evidence.ahead(book, [Task("2", 0.0)], "crsfd", "sacfd", "final")
     assert part.verdict == OPEN and reason in part.numbers
 
@@ -392,8 +425,29 @@ def test_a_variant_that_several_methods_have_is_a_panel_of_its_own(tmp_path):
     figure = layout.figures(cells_of(tmp_path))[-1]
     panels = {panel.title: [cell.variant for cell in panel.cells] for panel in figure.panels}
     plain, few = sorted(panels)
-    assert few == f"{plain}, demo_episodes 1" and panels[few] == ["demo_episodes 1"] * 2
+    assert few == f"{plain}, demo_episodes 1" and panels[few] == ["", ""]
     assert sorted(panels[plain]) == ["", "", "engine mjx"]
+
+
+def test_a_panel_whose_runs_are_all_of_one_variant_is_named_by_it(tmp_path):
+    make_run(tmp_path / "a")
+    make_run(tmp_path / "b", "sacfd")
+    make_run(tmp_path / "c", shift=2.0, randomisation=TRAINING)
+    panels = layout.figures(cells_of(tmp_path))[-1].panels
+    moved = next(panel for panel in panels if "2 mm" in panel.title)
+    assert moved.title == "shape 2, shift 2 mm, randomised"
+    assert [cell.variant for cell in moved.cells] == [""]
+
+
+def test_of_one_drawn_quantity_the_variant_tells_the_range(tmp_path):
+    make_run(tmp_path / "a")
+    make_run(tmp_path / "b", "sacfd")
+    make_run(tmp_path / "c", randomisation=Randomisation(socket_yaw=(-0.05, 0.05)))
+    assert [c.variant for c in cells_of(tmp_path)] == [
+        "",
+        "randomisation.socket_yaw -0.05 0.05",
+        "",
+    ]
 
 
 def test_what_is_missing_is_said(tmp_path):

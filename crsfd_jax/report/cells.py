@@ -44,6 +44,7 @@ class Cell(NamedTuple):
     seeds: np.ndarray
     """[S] of the columns of `curve`."""
     planned_steps: int
+    """Environment steps of each seed that its runs were to make."""
     runs: tuple[Run, ...]
 
     @property
@@ -53,7 +54,7 @@ class Cell(NamedTuple):
 
     @property
     def finished(self) -> bool:
-        """Whether every seed has made the steps that its run was to make."""
+        """Whether every seed has made its planned steps."""
         return not self.interacts or self.steps >= self.planned_steps
 
     @property
@@ -65,8 +66,11 @@ class Cell(NamedTuple):
 def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
     """Sorts runs into cells; of the same seed twice, the longer run counts.
 
+    Runs of another number of steps are another cell: their areas do not compare.
+
     Returns:
-      Cells, by task and then by method, and a line for each run that is left out.
+      Cells, by task and then by method, the longest runs first, and a line for each run that is
+      left out.
     """
     usual = _usual_options(runs)
     groups: dict[tuple, list[Run]] = {}
@@ -74,13 +78,14 @@ def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
         method = method_of(run.options)
         task = Task(shapes.label(run.options["shape"]), round(run.options["shift"] * 1e3, 6))
         changed = _changed(run.options, usual[method])
-        groups.setdefault((method, task, tuple(changed.items())), []).append(run)
+        place = method, task, tuple(changed.items()), run.options["steps"]
+        groups.setdefault(place, []).append(run)
     cells, left_out = [], []
-    for (method, task, changed), group in groups.items():
+    for (method, task, changed, steps), group in groups.items():
         kept, lines = _without_repeats(group)
         left_out += lines
-        cells.append(_cell(method, task, _in_words(dict(changed)), kept))
-    cells.sort(key=lambda cell: (cell.task, rank(cell.method), cell.variant))
+        cells.append(_cell(method, task, _in_words(dict(changed)), steps, kept))
+    cells.sort(key=lambda c: (c.task, rank(c.method), c.variant, -c.planned_steps))
     return cells, left_out
 
 
@@ -122,15 +127,21 @@ def _matters(name: str) -> bool:
 
 
 def _in_words(changed: dict[str, Any]) -> str:
-    """Options and their values; one word stands for all that is drawn, or made small."""
+    """Options and their values; one word stands for several that are drawn, or made small."""
     if "smoke" in changed:
         return "smoke" if changed["smoke"] else "no smoke"
     drawn = [name for name in changed if name.startswith("randomisation.")]
+    drawn = drawn if len(drawn) > 1 else []
     usual = by_full_name(to_dict(Config()))
     none = all(changed[name] == usual.get(name) for name in drawn)
     words = ["no randomisation" if none else "randomised"] if drawn else []
-    words += [f"{name} {changed[name]}" for name in changed if name not in drawn]
+    words += [f"{name} {_value(changed[name])}" for name in changed if name not in drawn]
     return ", ".join(words[:3]) + ", ..." * (len(words) > 3)
+
+
+def _value(value: Any) -> str:
+    """As a command line gives it."""
+    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def _without_repeats(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
@@ -144,7 +155,7 @@ def _without_repeats(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     return kept, lines
 
 
-def _cell(method: str, task: Task, variant: str, runs: Sequence[Run]) -> Cell:
+def _cell(method: str, task: Task, variant: str, planned: int, runs: Sequence[Run]) -> Cell:
     runs = sorted(runs, key=lambda run: run.seeds[0])
     steps = np.unique(np.concatenate([run.curve.env_steps for run in runs]))
     parts = []
@@ -161,6 +172,6 @@ def _cell(method: str, task: Task, variant: str, runs: Sequence[Run]) -> Cell:
         variant=variant,
         curve=Curve(steps, values),
         seeds=np.concatenate([run.seeds for run in runs]),
-        planned_steps=max(run.options["steps"] for run in runs),
+        planned_steps=planned,
         runs=tuple(runs),
     )

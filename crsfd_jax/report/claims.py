@@ -10,11 +10,11 @@ from crsfd_jax.report.evidence import (
     below,
     claim,
     close,
-    index,
     wider,
 )
 from crsfd_jax.report.layout import SETTING1
 from crsfd_jax.report.methods import ARMS, BASELINES
+from crsfd_jax.report.pairing import index
 from crsfd_jax.report.transfer import Transfer
 
 SMALL = 0.5

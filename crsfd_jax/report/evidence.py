@@ -7,6 +7,7 @@ from crsfd_jax.report import statistics, summary
 from crsfd_jax.report.cells import Cell, Task
 from crsfd_jax.report.intervals import wilson_interval
 from crsfd_jax.report.methods import style
+from crsfd_jax.report.pairing import Book, pair
 from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.report.transfer import Transfer
 
@@ -21,10 +22,8 @@ RULE = (
     "outside. X below a level holds if its interval lies below it, and does not hold if it lies "
     "above. The rest is undecided, and so is what has no finished runs with "
     f"{FEWEST_SEEDS} seeds. A claim holds if all its parts hold, and does not hold if one does "
-    "not. Two methods are compared up to the steps that both have made."
+    "not. Two methods are compared by the evaluations that both have."
 )
-
-Book = dict[tuple[str, Task], Cell]
 
 
 class Part(NamedTuple):
@@ -40,11 +39,6 @@ class Claim(NamedTuple):
     statement: str
     verdict: str
     parts: tuple[Part, ...]
-
-
-def index(cells: Sequence[Cell]) -> Book:
-    """Cells with a method's usual options, by method and task."""
-    return {(cell.method, cell.task): cell for cell in cells if not cell.variant}
 
 
 def claim(statement: str, parts: Sequence[Part]) -> Claim:
@@ -83,13 +77,10 @@ def close(book: Book, task: Task, ours: str, theirs: str, what: str) -> Part:
 def wider(book: Book, far: Sequence[Task], near: Sequence[Task]) -> Part:
     """Whether the gap from CRSfD to SACfD is larger on some tasks than on others."""
     subject = f"margin on {_names(far)} less that on {_names(near)}"
-    lacking = _lacking(book, [*far, *near], ("crsfd", "sacfd"))
-    if lacking:
-        return Part(OPEN, f"{subject}: {lacking}")
-    each = [summary.scores(book["crsfd", t], book["sacfd", t]) for t in (*far, *near)]
-    if not all(each):
-        return Part(OPEN, f"{subject}: {_NO_STEPS}")
-    gaps = [task.area_gap for task in each if task]
+    each = _scores(book, [*far, *near], "crsfd", "sacfd")
+    if isinstance(each, str):
+        return Part(OPEN, f"{subject}: {each}")
+    gaps = [task.area_gap for task in each]
     found = statistics.gap_interval(gaps[: len(far)], gaps[len(far) :])
     verdict = HOLDS if found.low > 0 else FAILS if found.high < MARGIN else OPEN
     return Part(verdict, f"{subject} {show(found, '+.3f')}")
@@ -98,10 +89,11 @@ def wider(book: Book, far: Sequence[Task], near: Sequence[Task]) -> Part:
 def below(book: Book, task: Task, method: str, level: float) -> Part:
     """Whether the final success of a method stays below a level."""
     subject = f"{task}: {_label(method)}"
-    lacking = _lacking(book, [task], (method,))
-    if lacking:
+    cells = book.get((method, task))
+    lacking = _lacking(cells[0]) if cells else f"no run of {_label(method)}"
+    if not cells or lacking:
         return Part(OPEN, f"{subject}: {lacking}")
-    found = statistics.mean_interval([statistics.final(*book[method, task].curve)])
+    found = statistics.mean_interval([statistics.final(*cells[0].curve)])
     verdict = HOLDS if found.high < level else FAILS if found.low >= level else OPEN
     return Part(verdict, f"{subject} {show(found)}")
 
@@ -129,31 +121,40 @@ _WORDS = {"final": "final success", "area": "area"}
 
 def _difference(book, tasks, ours, theirs, what) -> Estimate | str:
     """The difference, or what it takes to tell it."""
-    lacking = _lacking(book, tasks, (ours, theirs))
-    if lacking:
-        return lacking
-    each = [summary.scores(book[ours, task], book[theirs, task]) for task in tasks]
-    if not all(each):
-        return _NO_STEPS
+    each = _scores(book, tasks, ours, theirs)
+    if isinstance(each, str):
+        return each
     return statistics.mean_interval([getattr(task, f"{what}_gap") for task in each])
 
 
-_NO_STEPS = "no steps in common"
-
-
-def _lacking(book: Book, tasks: Sequence[Task], methods: Sequence[str]) -> str:
-    """What is missing for a verdict, in words; empty if nothing is."""
+def _scores(
+    book: Book, tasks: Sequence[Task], ours: str, theirs: str
+) -> list[summary.Scores] | str:
+    """Scores of two methods on each task, or what is missing for them, in words."""
+    found = []
     for task in tasks:
-        for method in methods:
-            cell = book.get((method, task))
-            where = f" on {task}" if len(tasks) > 1 else ""
-            if cell is None:
-                return f"no run of {_label(method)}{where}"
-            if not cell.finished:
-                stand = f"{cell.steps:,} of {cell.planned_steps:,} steps"
-                return f"{_label(method)} stands at {stand}{where}"
-            if len(cell.seeds) < FEWEST_SEEDS:
-                return f"{_label(method)} has {len(cell.seeds)} seeds{where}"
+        where = f" on {task}" if len(tasks) > 1 else ""
+        first, second = (book.get((method, task), []) for method in (ours, theirs))
+        if not first or not second:
+            return f"no run of {_label(theirs if first else ours)}{where}"
+        two = pair(first, second)
+        lacking = _lacking(two[0]) or _lacking(two[1])
+        if lacking:
+            return lacking + where
+        scores = summary.scores(*two)
+        if scores is None:
+            return f"no evaluations at the same steps{where}"
+        found.append(scores)
+    return found
+
+
+def _lacking(cell: Cell) -> str:
+    """What a cell lacks for a verdict, in words; empty if nothing."""
+    if not cell.finished:
+        stand = f"{cell.steps:,} of {cell.planned_steps:,} steps"
+        return f"{_label(cell.method)} stands at {stand}"
+    if len(cell.seeds) < FEWEST_SEEDS:
+        return f"{_label(cell.method)} has {len(cell.seeds)} seeds"
     return ""
 
 

@@ -1,5 +1,6 @@
 """Draws success against environment steps, panel by panel, as in the paper."""
 
+import textwrap
 from pathlib import Path
 
 import matplotlib.figure
@@ -15,6 +16,8 @@ from crsfd_jax.report.methods import Style, rank, style
 
 DPI = 192
 """Twice that of a page, for sharp screens and print."""
+_TITLE_WIDTH = 38
+"""Letters of a title that fit above a panel."""
 
 
 def draw(figure: Figure, path: Path) -> None:
@@ -31,7 +34,7 @@ def draw(figure: Figure, path: Path) -> None:
     )
     for axes, panel in zip(grid.flat, figure.panels, strict=False):
         _draw_panel(axes, panel.cells, looks)
-        axes.set_title(panel.title, fontsize=10.5)
+        axes.set_title(textwrap.fill(panel.title, _TITLE_WIDTH), fontsize=10.5)
     for axes in grid.flat[len(figure.panels) :]:
         axes.set_visible(False)
     _label_edges(grid, len(figure.panels), figure.columns)

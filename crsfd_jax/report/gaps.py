@@ -3,27 +3,29 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from crsfd_jax.report.cells import Cell
+from crsfd_jax.report.cells import Cell, Task
 from crsfd_jax.report.layout import Figure
 from crsfd_jax.report.methods import style
+from crsfd_jax.report.pairing import longest
 from crsfd_jax.report.tables import name
 
 
 def lines(cells: Sequence[Cell], figures: Sequence[Figure]) -> list[str]:
     """A line for each cell that is unfinished, missing, or has fewer seeds or steps than others."""
     usual = Counter(len(cell.seeds) for cell in cells).most_common(1)[0][0]
-    planned = {
-        task: max(c.planned_steps for c in cells if c.task == task) for task in _tasks(cells)
-    }
-    found = []
+    planned: dict[tuple[Task, str], int] = {}
+    for cell in cells:
+        place = cell.task, cell.variant
+        planned[place] = max(planned.get(place, 0), cell.planned_steps)
+    kept, found = {id(cell) for cell in longest(cells)}, []
     for cell in cells:
         where = f"{cell.task}: {name(cell)}"
         if not cell.finished:
             share = f"{cell.steps:,} of {cell.planned_steps:,} steps"
             found.append(f"{where} is unfinished, {share}")
-        if cell.interacts and cell.planned_steps < planned[cell.task]:
-            budget = f"{cell.planned_steps:,} steps, others {planned[cell.task]:,}"
-            found.append(f"{where} was given {budget}")
+        others = planned[cell.task, cell.variant]
+        if cell.interacts and cell.planned_steps < others and id(cell) in kept:
+            found.append(f"{where} was given {cell.planned_steps:,} steps, others {others:,}")
         if len(cell.seeds) < usual:
             found.append(f"{where} has {_count(len(cell.seeds), 'seed')}, most have {usual}")
     return found + _missing(figures)
@@ -41,10 +43,6 @@ def _missing(figures: Sequence[Figure]) -> list[str]:
                     f"{panel.title}: no run of {', '.join(style(m).label for m in absent)}"
                 )
     return found
-
-
-def _tasks(cells: Sequence[Cell]) -> set:
-    return {cell.task for cell in cells}
 
 
 def _count(number: int, noun: str) -> str:

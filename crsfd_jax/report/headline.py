@@ -8,15 +8,16 @@ import numpy as np
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, Claim, show
 from crsfd_jax.report.methods import style
+from crsfd_jax.report.pairing import longest, rivals
 from crsfd_jax.report.statistics import final
 from crsfd_jax.report.summary import LEVEL, compare
 
 
 def sentences(cells: Sequence[Cell], claims: Sequence[Claim]) -> list[str]:
     """How good the method is, how it compares with the best other one, which claims hold."""
-    usual = [cell for cell in cells if not cell.variant] or list(cells)
+    usual = [cell for cell in longest(cells) if not cell.variant] or longest(cells)
     ours = subject(usual)
-    said = [_level(usual, ours), *_contest(usual, ours)]
+    said = [_level(usual, ours), *_contest(cells, ours)]
     counts = Counter(claim.verdict for claim in claims)
     said.append(
         f"Of the paper's {len(claims)} claims {counts[HOLDS]} held up, {counts[FAILS]} did not, "
@@ -47,20 +48,16 @@ def _level(cells: Sequence[Cell], ours: str) -> str:
 
 def _contest(cells: Sequence[Cell], ours: str) -> list[str]:
     """Against the method that comes closest in area on the tasks that both have."""
-    own = {cell.task: cell for cell in cells if cell.method == ours}
-    rivals: dict[str, list[tuple[Cell, Cell]]] = {}
-    for cell in cells:
-        if cell.task in own and cell.method != ours and not cell.method.startswith("crsfd"):
-            rivals.setdefault(cell.method, []).append((own[cell.task], cell))
+    others = {m: two for m, two in rivals(cells, ours).items() if not m.startswith("crsfd")}
     # A rival on one task of many says little: those with the most tasks count.
-    most = max(map(len, rivals.values()), default=0)
-    found = {m: compare(pairs) for m, pairs in rivals.items() if len(pairs) == most}
+    most = max(map(len, others.values()), default=0)
+    found = {m: compare(pairs) for m, pairs in others.items() if len(pairs) == most}
     found = {method: comparison for method, comparison in found.items() if comparison}
     if not found:
         return []
     rival = min(found, key=lambda method: found[method].area.value)
     best = found[rival]
-    where = f"{best.tasks} tasks" if best.tasks > 1 else f"{rivals[rival][0][0].task}"
+    where = f"{best.tasks} tasks" if best.tasks > 1 else f"{others[rival][0][0].task}"
     known = best.area.low > 0 or best.area.high < 0
     words = "faster than" if best.area.low > 0 else "slower than" if known else "as fast as"
     doubt = "" if known else ", as far as these seeds can tell"

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from crsfd_jax.report.cells import Cell, Task
 from crsfd_jax.report.methods import ARMS
+from crsfd_jax.report.pairing import longest
 
 SETTING1 = tuple(Task(shape, 0.0) for shape in "1234")
 SETTING2 = tuple(Task(shape, shift) for shape in "02" for shift in (4.0, 6.0, 8.0))
@@ -34,7 +35,8 @@ class Figure(NamedTuple):
 
 
 def figures(cells: Sequence[Cell]) -> list[Figure]:
-    """The figures that show every cell at least once."""
+    """The figures that show every method and variant of each task at least once."""
+    cells = longest(cells)
     usual = [cell for cell in cells if not cell.variant]
     trained = [cell for cell in usual if cell.method not in ARMS]
     pair = [cell for cell in trained if cell.method in ("crsfd", "sacfd")]
@@ -71,24 +73,23 @@ def _ablation(cells: Sequence[Cell]) -> Figure | None:
 def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
     """All methods of each task that holds a cell not drawn so far.
 
-    A variant that several methods have is a task of its own.
+    A variant that several methods have, or that no run of the task is without, is a task of its
+    own: its panel's title names it, and each method looks there as everywhere.
     """
     methods: dict[tuple[Task, str], set[str]] = {}
     for cell in cells:
         methods.setdefault((cell.task, cell.variant), set()).add(cell.method)
 
     def place(cell: Cell) -> tuple[Task, str]:
-        shared = len(methods[cell.task, cell.variant]) > 1
-        return cell.task, cell.variant if shared else ""
+        apart = len(methods[cell.task, cell.variant]) > 1 or (cell.task, "") not in methods
+        return cell.task, cell.variant if apart else ""
 
-    places = sorted({place(cell) for cell in cells if id(cell) not in drawn})
-    if not places:
-        return []
-    panels = [
-        Panel(
-            ", ".join(filter(None, map(str, where))), tuple(c for c in cells if place(c) == where)
-        )
-        for where in places
-    ]
+    def panel(task: Task, variant: str) -> Panel:
+        here = [cell for cell in cells if place(cell) == (task, variant)]
+        title = ", ".join(filter(None, (str(task), variant)))
+        return Panel(title, tuple(c._replace(variant="") if variant else c for c in here))
+
+    panels = [panel(*where) for where in sorted({place(c) for c in cells if id(c) not in drawn})]
     columns = min(_COLUMNS, len(panels))
-    return [Figure("tasks", "All runs of each task", columns, tuple(panels), same_steps=False)]
+    figure = Figure("tasks", "All runs of each task", columns, tuple(panels), same_steps=False)
+    return [figure] if panels else []

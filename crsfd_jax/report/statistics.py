@@ -24,12 +24,6 @@ class Estimate(NamedTuple):
     high: float
 
 
-def upto(env_steps: np.ndarray, values: np.ndarray, last: int) -> tuple[np.ndarray, np.ndarray]:
-    """The part of curves [T], [T, S] up to a number of steps."""
-    kept = env_steps <= last
-    return env_steps[kept], values[kept]
-
-
 def final(env_steps: np.ndarray, values: np.ndarray) -> np.ndarray:
     """[S] mean of the evaluations of each seed in the last tenth of its steps.
 

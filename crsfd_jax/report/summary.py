@@ -7,6 +7,8 @@ import numpy as np
 
 from crsfd_jax.report import statistics
 from crsfd_jax.report.cells import Cell
+from crsfd_jax.report.curves import Curve
+from crsfd_jax.report.pairing import common_steps
 from crsfd_jax.report.statistics import Estimate
 
 LEVEL = 0.9
@@ -36,7 +38,7 @@ class Comparison(NamedTuple):
 
     tasks: int
     steps: tuple[int, ...]
-    """Environment steps that each task is compared up to: those that both have made."""
+    """Environment steps of the last evaluation that both have, on each task."""
     final: Estimate
     """Difference of the final success."""
     area: Estimate
@@ -73,22 +75,22 @@ def summarise(cell: Cell) -> Summary:
 
 
 def scores(ours: Cell, theirs: Cell) -> Scores | None:
-    """Scores of two cells of one task, up to the steps that both have made.
+    """Scores of two cells of one task, from the evaluations that all seeds have.
 
     Without a seed in common, seeds are paired in their order.
 
     Returns:
-      None if a seed has no evaluation in those steps.
+      None if there are none.
     """
-    last = min((cell.steps for cell in (ours, theirs) if cell.interacts), default=ours.steps)
-    kept = [_upto(cell, last) for cell in (ours, theirs)]
+    steps = common_steps(ours, theirs)
+    if not len(steps):
+        return None
+    kept = [_at(cell, steps) for cell in (ours, theirs)]
     final = [statistics.final(*curve) for curve in kept]
     area = [statistics.area(*curve) for curve in kept]
-    if not np.isfinite(np.concatenate(final)).all():
-        return None
     first, second = _pairs(ours.seeds, theirs.seeds)
     return Scores(
-        steps=last,
+        steps=int(steps[-1]),
         final=(final[0], final[1]),
         area=(area[0], area[1]),
         final_gap=final[0][first] - final[1][second],
@@ -111,8 +113,11 @@ def compare(pairs: Sequence[tuple[Cell, Cell]]) -> Comparison | None:
     )
 
 
-def _upto(cell: Cell, last: int) -> tuple[np.ndarray, np.ndarray]:
-    return cell.curve if not cell.interacts else statistics.upto(*cell.curve, last)
+def _at(cell: Cell, steps: np.ndarray) -> Curve:
+    if not cell.interacts:
+        return cell.curve
+    rows = np.isin(cell.curve.env_steps, steps)
+    return Curve(cell.curve.env_steps[rows], cell.curve.values[rows])
 
 
 def _pairs(ours: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ from crsfd_jax.report.cells import Cell, unusual_options
 from crsfd_jax.report.evidence import show
 from crsfd_jax.report.intervals import wilson_interval
 from crsfd_jax.report.methods import style
+from crsfd_jax.report.pairing import rivals
 from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.report.summary import LEVEL, Comparison, compare, summarise
 from crsfd_jax.report.transfer import Transfer
@@ -41,12 +42,7 @@ def name(cell: Cell) -> str:
 
 def comparisons(cells: Sequence[Cell], ours: str) -> tuple[Table, Table]:
     """One method against each other: over all tasks that both have, and task by task."""
-    usual = [cell for cell in cells if not cell.variant]
-    own = {cell.task: cell for cell in usual if cell.method == ours}
-    pairs: dict[str, list[tuple[Cell, Cell]]] = {}
-    for cell in usual:
-        if cell.method != ours and cell.task in own:
-            pairs.setdefault(cell.method, []).append((own[cell.task], cell))
+    pairs = rivals(cells, ours)
     head = ("difference of area", "difference of final success")
     head += ("P(better area)", "P(better final)", "steps")
     over_all, each = (

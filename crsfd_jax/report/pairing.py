@@ -1,0 +1,59 @@
+"""Which runs of a method stand for it, and which of two methods are set beside each other."""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from crsfd_jax.report.cells import Cell, Task
+
+Book = dict[tuple[str, Task], list[Cell]]
+
+
+def index(cells: Sequence[Cell]) -> Book:
+    """Cells with a method's usual options, by method and task, the longest runs first."""
+    book: Book = {}
+    for cell in sorted(cells, key=lambda cell: -cell.planned_steps):
+        if not cell.variant:
+            book.setdefault((cell.method, cell.task), []).append(cell)
+    return book
+
+
+def longest(cells: Sequence[Cell]) -> list[Cell]:
+    """Of the cells of a method and variant on a task the one with the longest runs."""
+    kept: dict[tuple, Cell] = {}
+    for cell in cells:
+        place = cell.method, cell.task, cell.variant
+        kept[place] = max(kept.get(place, cell), cell, key=lambda cell: cell.planned_steps)
+    return list(kept.values())
+
+
+def pair(ours: Sequence[Cell], theirs: Sequence[Cell]) -> tuple[Cell, Cell]:
+    """Of the cells of two methods on a task the two with the most evaluations in common.
+
+    Args:
+      ours, theirs: at least one each.
+    """
+    return max(itertools.product(ours, theirs), key=lambda two: len(common_steps(*two)))
+
+
+def rivals(cells: Sequence[Cell], ours: str) -> dict[str, list[tuple[Cell, Cell]]]:
+    """For each other method, one of our cells and one of its, on each task that both have."""
+    book, found = index(cells), {}
+    for (method, task), theirs in book.items():
+        if method != ours and (ours, task) in book:
+            found.setdefault(method, []).append(pair(book[ours, task], theirs))
+    return found
+
+
+def common_steps(ours: Cell, theirs: Cell) -> np.ndarray:
+    """[T] environment steps at which all seeds of both were evaluated.
+
+    A method that does not interact has its one level at any of them.
+    """
+    each = [_evaluated(cell) for cell in (ours, theirs) if cell.interacts]
+    return np.array(sorted(set.intersection(*each))) if each else ours.curve.env_steps
+
+
+def _evaluated(cell: Cell) -> set[int]:
+    return set(cell.curve.env_steps[np.isfinite(cell.curve.values).all(axis=1)].tolist())
