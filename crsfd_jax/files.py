@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
+from crsfd_jax.errors import UserError
+
 _TEMPORARY = ".tmp"
 
 
@@ -28,6 +30,25 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         os.unlink(temporary)
         raise
     sync(path.parent)
+
+
+def reserve(out: str) -> None:
+    """Makes the folder of a file that --out names, before anything takes time.
+
+    Raises:
+      UserError: the file exists, or its folder cannot be made.
+    """
+    if Path(out).exists():
+        raise UserError(
+            f"--out: got {out!r}, which exists, allowed: a new file; choose another name"
+        )
+    try:
+        Path(out).absolute().parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"--out: got {out!r}, allowed: a file in a folder that can be made; choose another "
+            f"({error.strerror})"
+        ) from None
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -1,24 +1,21 @@
 """What the demonstration commands do."""
 
 import dataclasses
-import importlib.metadata
-from pathlib import Path
 
 import jax
 
-from crsfd_jax import shapes, task, trained, validation
+from crsfd_jax import files, shapes, task, trained, validation
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin, dataset, exchange, record, recordable, replay, rollout
 from crsfd_jax.demos.options import FromRun, Record
 from crsfd_jax.errors import UserError
 
-_PACKAGES = ("crsfd-jax", "jax", "mujoco", "numpy")
 _TRIALS = 200
 
 
 def record_file(options: Record, command: str) -> int:
     """Trains the expert, records it and writes the file."""
-    _reserve(options.out)
+    files.reserve(options.out)
 
     def report(env_steps: int, success: float) -> None:
         print(f"expert: {env_steps:7d} steps, success {success:.2f}", flush=True)
@@ -46,7 +43,7 @@ def record_run(options: FromRun, command: str) -> int:
     if reason := recordable.refusal(config):
         raise UserError(f"{options.run}: {reason}; choose another run")
     chosen = trained.choose(options.run, source.config, options.seed)
-    _reserve(options.out)
+    files.reserve(options.out)
     learned = f"{config.algorithm} on shape {shapes.label(source.config.shape)}"
     described = f"{learned}, seed {chosen.seed}, {chosen.env_steps} environment steps"
     expert = rollout.Expert(source.nets, trained.actor(source, chosen), described)
@@ -84,25 +81,6 @@ def check(name: str) -> int:
     return 1 if lost else 0
 
 
-def _reserve(out: str) -> None:
-    """Makes the file's folder, before anything takes time.
-
-    Raises:
-      UserError: the file exists, or its folder cannot be made.
-    """
-    if Path(out).exists():
-        raise UserError(
-            f"--out: got {out!r}, which exists, allowed: a new file; choose another name"
-        )
-    try:
-        Path(out).absolute().parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(
-            f"--out: got {out!r}, allowed: a file in a folder that can be made; choose another "
-            f"({error.strerror})"
-        ) from None
-
-
 def _write(
     options: Record | FromRun, seed: int, config: Config, expert: rollout.Expert, command: str
 ) -> int:
@@ -116,7 +94,6 @@ def _write(
         noise=options.noise,
         seed=seed,
         command=command,
-        versions={name: importlib.metadata.version(name) for name in _PACKAGES},
     )
     episodes = rollout.play(env, expert, options.noise, key, options.episodes)
     demos = rollout.demonstrations(episodes, source)

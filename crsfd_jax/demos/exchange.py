@@ -1,7 +1,6 @@
 """Demonstrations to and from the formats of other tools."""
 
-from pathlib import Path
-
+from crsfd_jax import files
 from crsfd_jax.demos import builtin, dataset, layout
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
@@ -17,8 +16,7 @@ def import_file(source: str, out: str) -> dataset.Demonstrations:
     Raises:
       UserError: the source does not fit, or the file exists; nothing is written then.
     """
-    if Path(out).exists():
-        raise UserError(f"--out: got {out!r}, which exists, allowed: a new file; choose another")
+    files.reserve(out)
     try:
         demos = _read(source)
         layout.check_task(demos)
@@ -42,8 +40,7 @@ def export_file(name: str, form: str, out: str) -> str:
 
         minari.write(out, demos)
         return f"{_PREFIX}{out}"
-    if Path(out).exists():
-        raise UserError(f"--out: got {out!r}, which exists, allowed: a new file; choose another")
+    files.reserve(out)
     from crsfd_jax.demos import robomimic
 
     robomimic.write(out, demos)

@@ -2,7 +2,7 @@
 
 import datetime
 
-from crsfd_jax import config
+from crsfd_jax import artefacts, config
 from crsfd_jax.demos.provenance import Provenance, obs_layout
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.randomisation import Randomisation
@@ -27,7 +27,6 @@ def provenance(
     noise: float,
     seed: int,
     command: str,
-    versions: dict[str, str],
 ) -> Provenance:
     """Of a recording that is made today in a task of one shape."""
     return Provenance(
@@ -42,6 +41,6 @@ def provenance(
         noise=noise,
         seed=seed,
         command=command,
-        versions=versions,
+        versions=artefacts.versions(),
         date=datetime.datetime.now(datetime.UTC).date().isoformat(),
     )

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crsfd_jax import artefacts, config
+from crsfd_jax import config
 from crsfd_jax.demos import dataset, layout, recordable
 from crsfd_jax.env import EnvState, Outcome
 
@@ -70,6 +70,5 @@ def demonstrations(
         noise=0.0,
         seed=0,
         command=command,
-        versions=artefacts.versions(),
     )
     return layout.join(episodes, source)
