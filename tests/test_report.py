@@ -22,6 +22,7 @@ from crsfd_jax.report import (
     headline,
     html,
     layout,
+    leads,
     page,
     pairing,
     runs,
@@ -237,6 +238,34 @@ def test_of_runs_of_several_lengths_those_with_most_evaluations_in_common_are_co
     assert [cell.steps for cell in figure.panels[0].cells] == [1000, 1000, 600]
     assert not [line for line in gaps.lines(found, [figure]) if "CRSfD" in line]
     assert any("SQIL was given 600 steps, others 1,000" in line for line in gaps.lines(found, []))
+
+
+def test_leads_are_those_of_equal_steps_and_variant_largest_first(tmp_path, monkeypatch):
+    few = {"demo_episodes": 1}
+    for name, method, start in (("a", "crsfd", 0), ("b", "sacfd", 200)):
+        make_run(tmp_path / f"{name}1", method, values=rising(start))
+        make_run(tmp_path / f"{name}2", method, values=rising(start)[:5], steps=500)
+        make_run(tmp_path / f"{name}3", method, values=rising(2 * start)[:5], steps=500, **few)
+        make_run(tmp_path / f"{name}4", method, "3", values=rising(start), seed=5)
+    make_run(tmp_path / "alone", "crsfd", "4")
+    found = leads.find(cells_of(tmp_path))
+    assert [lead.label for lead in found] == [
+        "shape 2, no shift, demo_episodes 1, 0.5k steps",
+        "shape 2, no shift, 0.5k steps",
+        "shape 2, no shift, 1k steps",
+        "shape 3, no shift, 1k steps",
+    ]
+    ours, theirs = (np.append(0, rising(start)[:, 0]) for start in (0, 200))
+    assert found[2].area.value == pytest.approx(
+        np.trapezoid(ours - theirs, dx=100) / 1000, abs=0.01
+    )
+    drawn = []
+    monkeypatch.setattr(leads, "save", lambda canvas, path: drawn.append(canvas))
+    leads.draw(found, tmp_path / "leads.png")
+    (axes,) = drawn[0].axes
+    points = axes.containers[0].lines[0]
+    assert points.get_xdata().tolist() == [lead.area.value for lead in found]
+    assert [text.get_text() for text in axes.get_yticklabels()] == [lead.label for lead in found]
 
 
 def test_figures_are_laid_out_as_in_the_paper(tmp_path):

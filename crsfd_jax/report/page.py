@@ -15,6 +15,7 @@ from crsfd_jax.report import (
     headline,
     html,
     layout,
+    leads,
     runs,
     tables,
     transfer,
@@ -95,9 +96,9 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
         pictures = [_picture(figure, folder) for figure in report.figures]
         body = [
             *_top(report),
-            _results(report),
+            html.section("Results", html.table(*tables.results(report.cells))),
             html.section("Success against environment steps", *pictures),
-            _comparisons(report),
+            _comparisons(report, folder),
             _claims(report.claims),
             _transfers(report.transfers, folder),
             _potential(folder, value_map),
@@ -133,11 +134,7 @@ def _picture(figure: Figure, folder: Path) -> str:
     return html.media(path, text)
 
 
-def _results(report: Report) -> str:
-    return html.section("Results", html.table(*tables.results(report.cells)))
-
-
-def _comparisons(report: Report) -> str:
+def _comparisons(report: Report, folder: Path) -> str:
     ours = headline.subject(report.cells)
     over_all, each = tables.comparisons(report.cells, ours)
     if not over_all.rows:
@@ -148,7 +145,16 @@ def _comparisons(report: Report) -> str:
         html.paragraph(f"Positive, or a chance above one half: {label} is ahead."),
         html.table(*over_all),
         html.folded("task by task", html.table(*each)),
+        _leads(report.cells, folder),
     )
+
+
+def _leads(cells: Sequence[Cell], folder: Path) -> str:
+    found, path = leads.find(cells), folder / "leads.png"
+    if len(found) < 2:
+        return ""
+    leads.draw(found, path)
+    return html.media(path, leads.CAPTION)
 
 
 def _claims(found: Sequence[Claim]) -> str:
