@@ -114,9 +114,10 @@ def _learn(nets, method, config, state, step, key):
     draw_key, update_key = jax.random.split(key)
     shape = (config.sac.updates_per_step, config.sac.batch_size)
     draw = method.draw(state.replay, step, draw_key, shape, config.replay)
-    adapt_key = jax.random.fold_in(key, 1)
+    # Of the numbers that can be folded in, split takes the first two.
+    adapt_key = jax.random.fold_in(key, 2)
     prepared = method.adapt(state.prepared, state.replay, draw, adapt_key, config)
-    rewards = method.relabel(prepared, state.replay, draw, config)
+    rewards = config.sac.reward_scale * method.relabel(prepared, state.replay, draw, config)
     batches = replay.gather(state.replay, draw, rewards, config.sac.gamma)
     batches = method.reward(prepared, batches, config)
     nets = method.networks(prepared, nets)

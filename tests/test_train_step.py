@@ -59,6 +59,52 @@ def test_a_chunk_is_compiled_once():
     assert advance._cache_size() == 1
 
 
+def step_with(method, config, steps=8):
+    """States and metrics after steps of a method, from those of one seed."""
+    learner = train_step.make(probe_env.make(), method, config)
+    states = learner.init(jax.random.key(0), probe_env.preparation(6))
+    states = jax.tree.map(lambda leaf: leaf[None], states)
+    return chunk.make(learner, steps)(states, jnp.int32(0))
+
+
+def test_the_reward_scale_multiplies_every_reward_that_is_learned_from():
+    config, sacfd = probe_env.config(), algorithms.load("sacfd")
+    doubled = dataclasses.replace(config, sac=dataclasses.replace(config.sac, reward_scale=2.0))
+
+    def twice(*arguments):
+        return 2 * sacfd.relabel(*arguments)
+
+    by_option, _ = step_with(sacfd, doubled)
+    by_hand, _ = step_with(sacfd._replace(relabel=twice), config)
+    plain, _ = step_with(sacfd, config)
+    leaves = [jax.tree.leaves(states.agent.critic) for states in (by_option, by_hand, plain)]
+    for a, b in zip(*leaves[:2], strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert any((a != b).any() for a, b in zip(leaves[0], leaves[2], strict=True))
+
+
+def test_a_method_that_learns_along_does_not_share_its_randomness_with_the_updates():
+    config, sacfd = probe_env.config(), algorithms.load("sacfd")
+
+    def number(key):
+        return jax.random.key_data(key)[..., -1].astype(jnp.float32)
+
+    def update(nets, agent, batch, key, config):
+        agent, td_error, metrics = sacfd.update(nets, agent, batch, key, config)
+        return agent, td_error, {**metrics, "number": number(key)}
+
+    noting = sacfd._replace(
+        prepare=lambda key, *_: jax.random.key_data(key),
+        adapt=lambda prepared, buffer, draw, key, config: jax.random.key_data(key),
+        update=update,
+    )
+    config = dataclasses.replace(config, sac=dataclasses.replace(config.sac, warmup_steps=0))
+    after, metrics = step_with(noting, config, steps=1)
+    adapt_key = jax.random.wrap_key_data(after.prepared[0])
+    same = number(jax.random.split(adapt_key, config.sac.updates_per_step)).mean()
+    assert metrics["number"][0] != same and metrics["number"][0] > 0
+
+
 def test_nothing_is_learned_during_warmup():
     config = probe_env.config()
     learner, states = learner_and_states(config)
