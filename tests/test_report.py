@@ -322,7 +322,7 @@ def test_being_ahead_is_judged_by_the_interval_of_the_difference(tmp_path, ours,
 
 @pytest.mark.parametrize(("late", "verdict"), [(0, HOLDS), (40, OPEN), (300, FAILS)])
 def test_being_alike_is_judged_by_the_margin(tmp_path, late, verdict):
-    spread = np.array([late / 4, late / 2, late, 2 * late, late])
+    spread = late + np.array([-30, -20, 0, 40, 0]) * (late > 0)
     theirs = np.stack([rising(start, seeds=1)[:, 0] for start in spread], axis=1)
     make_run(tmp_path / "a", values=np.repeat(rising(0, seeds=1), 5, axis=1))
     make_run(tmp_path / "b", "sacfd", values=theirs)
@@ -501,7 +501,13 @@ def test_the_headline_names_the_closest_rival(tmp_path):
     found = cells_of(tmp_path)
     said = " ".join(headline.sentences(found, []))
     assert "CRSfD ends at a mean success of 1.000 over 10 tasks" in said
-    assert "It learns faster than SACfD, the strongest other method, on 10 tasks:" in said
+    assert "It learns faster than SACfD, the closest other method, on 10 tasks:" in said
+    # Closer, on one task; and of fewer steps, whose areas are no measure.
+    make_run(tmp_path / "rival", "rlpd", "1", values=rising(20))
+    make_run(tmp_path / "short", "newcomer", "1", values=rising(10)[:3], steps=300)
+    make_run(tmp_path / "own", "crsfd", "1", values=rising(0)[:3], steps=300)
+    said = " ".join(headline.sentences(cells_of(tmp_path), []))
+    assert "faster than newcomer, the closest other method, on shape 1, no shift:" in said
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import mannwhitneyu, trim_mean
+from scipy.special import stdtrit
+from scipy.stats import mannwhitneyu, trim_mean, ttest_1samp
 
 from crsfd_jax.report import statistics
 
@@ -75,40 +76,61 @@ def test_the_chance_of_improvement_is_the_u_of_mann_and_whitney(ours, theirs):
     assert found.low <= found.value + 1e-9 and found.value - 1e-9 <= found.high
 
 
-def test_runs_are_resampled_within_their_task_and_not_across():
+def named(*tasks):
+    """Scores of tasks, and of each the seeds 0, 1, ..."""
+    return list(tasks), [np.arange(len(scores)) for scores in tasks]
+
+
+def test_runs_are_compared_within_their_task_and_not_across():
     tasks = [np.full(4, 0.2), np.full(4, 0.8)]
-    for estimate in (
-        statistics.mean_interval(tasks),
-        statistics.interquartile_interval(tasks),
-        statistics.gap_interval(tasks, tasks),
-    ):
+    estimates = statistics.mean_interval(*named(*tasks)), statistics.interquartile_interval(tasks)
+    for estimate in estimates:
         assert estimate.low == pytest.approx(estimate.high)
-    assert statistics.mean_interval(tasks).value == pytest.approx(0.5)
+    assert estimates[0].value == pytest.approx(0.5)
     assert statistics.improvement(tasks, tasks[::-1]) == pytest.approx((0.5, 0.5, 0.5))
 
 
 def test_tasks_weigh_the_same_whatever_their_number_of_seeds():
-    found = statistics.mean_interval([np.zeros(9), np.ones(1)])
+    found = statistics.mean_interval(*named(np.zeros(9), np.ones(2)))
     assert found == pytest.approx((0.5, 0.5, 0.5))
 
 
-def test_intervals_of_many_seeds_are_those_of_the_normal_distribution():
-    generator = np.random.default_rng(1)
-    x, y = generator.normal(1, 0.2, 400), generator.normal(0.5, 0.4, 300)
-    low, high = x.mean() - 1.96 * x.std() / 20, x.mean() + 1.96 * x.std() / 20
-    assert statistics.mean_interval([x]) == pytest.approx((x.mean(), low, high), abs=1e-3)
-    error = np.sqrt(x.var() / 400 + y.var() / 300)
-    gap = x.mean() - y.mean()
-    expected = (gap, gap - 1.96 * error, gap + 1.96 * error)
-    assert statistics.gap_interval([x], [y]) == pytest.approx(expected, abs=2e-3)
+def test_one_seed_says_nothing_of_the_interval():
+    found = statistics.mean_interval(*named(np.zeros(9), np.ones(1)))
+    assert found == (0.5, -np.inf, np.inf)
 
 
-def test_the_interval_of_a_mean_has_the_quantiles_of_all_its_resamples():
-    scores = np.array([0.0, 0.3, 0.5, 1.0])
-    means = [np.mean(drawn) for drawn in itertools.product(scores, repeat=4)]
-    found = statistics.mean_interval([scores])
-    assert found[1:] == pytest.approx(np.percentile(means, (2.5, 97.5)), abs=0.03)
-    assert (min(means) < found.low) and (found.high < max(means))
+@settings(max_examples=30, deadline=None)
+@given(rates.filter(lambda scores: len(scores) > 1 and np.ptp(scores) > 0))
+def test_the_interval_of_a_mean_is_that_of_students_t_in_scipy(scores):
+    found = statistics.mean_interval(*named(scores))
+    expected = ttest_1samp(scores, 0).confidence_interval(0.95)
+    assert found == pytest.approx((scores.mean(), expected.low, expected.high))
+
+
+def test_of_the_same_seeds_on_several_tasks_each_seed_counts_once():
+    scores = np.random.default_rng(3).uniform(size=(3, 5))
+    found = statistics.mean_interval(*named(*scores))
+    assert found == pytest.approx(statistics.mean_interval(*named(scores.mean(axis=0))))
+    repeated = statistics.mean_interval(*named(*[scores[0]] * 3))
+    assert repeated == pytest.approx(statistics.mean_interval(*named(scores[0])))
+    gap = statistics.weighted_interval(*named(*scores), [0.5, 0.5, -1])
+    single = scores[:2].mean(axis=0) - scores[2]
+    assert gap == pytest.approx(statistics.mean_interval(*named(single)))
+
+
+def test_other_seeds_on_another_task_count_as_independent():
+    x, y = np.random.default_rng(4).normal(size=(2, 6))
+    found = statistics.mean_interval([x, y], [np.arange(6), np.arange(6, 12)])
+    error = np.sqrt((x.var(ddof=1) + y.var(ddof=1)) / 6) / 2
+    assert found.high - found.value == pytest.approx(stdtrit(5, 0.975) * error)
+
+
+def test_the_interval_covers_the_mean_of_few_seeds_as_often_as_it_says():
+    draws = np.random.default_rng(5).normal(size=(2000, 5))
+    found = [statistics.mean_interval(*named(draw)) for draw in draws]
+    covered = np.mean([estimate.low < 0 < estimate.high for estimate in found])
+    assert covered == pytest.approx(0.95, abs=0.015)
 
 
 def test_the_interval_of_an_improvement_has_the_quantiles_of_all_its_resamples():
@@ -124,6 +146,14 @@ def test_the_interval_of_an_improvement_has_the_quantiles_of_all_its_resamples()
 
 def test_equal_runs_give_equal_intervals():
     scores = np.random.default_rng(2).uniform(size=7)
-    assert statistics.mean_interval([scores]) == statistics.mean_interval([scores.copy()])
     once, again = (statistics.improvement([scores], [scores / 2]) for _ in range(2))
     assert once == again
+
+
+def test_the_same_seeds_are_drawn_on_all_tasks():
+    ours, theirs = np.random.default_rng(6).uniform(size=(2, 5))
+    once = statistics.improvement([ours], [theirs])
+    assert statistics.improvement([ours] * 4, [theirs] * 4) == pytest.approx(once)
+    once = statistics.interquartile_interval([ours])
+    twice = statistics.interquartile_interval([ours, ours])
+    assert twice.high - twice.low > 0.8 * (once.high - once.low)

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from crsfd_jax.report import statistics, summary
 from crsfd_jax.report.cells import Cell, Task
 from crsfd_jax.report.intervals import wilson_interval
@@ -16,13 +18,13 @@ MARGIN = 0.05
 """Difference of success rate or area that counts as none."""
 FEWEST_SEEDS = 3
 RULE = (
-    "Every number is a mean with its 95 % bootstrap interval over seeds. X above Y holds if the "
-    f"interval of the difference lies above 0, and does not hold if it lies below {MARGIN:g}. "
-    f"X like Y holds if the interval lies within ±{MARGIN:g}, and does not hold if it lies "
-    "outside. X below a level holds if its interval lies below it, and does not hold if it lies "
-    "above. The rest is undecided, and so is what has no finished runs with "
+    "Every number is a mean with its 95 % interval: Student's t over seeds, Wilson's over held-out "
+    "trials. X above Y holds if the interval of the difference lies above 0, and does not hold if "
+    f"it lies below {MARGIN:g}. X like Y holds if the interval lies within ±{MARGIN:g}, and does "
+    "not hold if it lies outside. X below a level holds if its interval lies below it, and does "
+    "not hold if it lies above. The rest is undecided, and so is what has no finished runs with "
     f"{FEWEST_SEEDS} seeds. A claim holds if all its parts hold, and does not hold if one does "
-    "not. Two methods are compared by the evaluations that both have."
+    "not. Two methods are compared by the evaluations that both have, in the steps named."
 )
 
 
@@ -56,22 +58,26 @@ def ahead(book: Book, tasks: Sequence[Task], ours: str, theirs: str, what: str) 
     """
     where = str(tasks[0]) if len(tasks) == 1 else f"{len(tasks)} tasks"
     subject = f"{where}, {_WORDS[what]}: {_label(ours)} over {_label(theirs)}"
-    found = _difference(book, tasks, ours, theirs, what)
-    if isinstance(found, str):
-        return Part(OPEN, f"{subject}: {found}")
+    each = _scores(book, tasks, ours, theirs)
+    if isinstance(each, str):
+        return Part(OPEN, f"{subject}: {each}")
+    found = _difference(each, what)
     verdict = HOLDS if found.low > 0 else FAILS if found.high < MARGIN else OPEN
-    return Part(verdict, f"{subject} {show(found, '+.3f')}")
+    alike = ", alike" * (verdict == FAILS and found.low > -MARGIN)
+    return Part(verdict, f"{subject} {show(found, '+.3f')}{alike}, {_steps(each)}")
 
 
 def close(book: Book, task: Task, ours: str, theirs: str, what: str) -> Part:
     """Whether two methods score alike."""
     subject = f"{task}, {_WORDS[what]}: {_label(ours)} less {_label(theirs)}"
-    found = _difference(book, [task], ours, theirs, what)
-    if isinstance(found, str):
-        return Part(OPEN, f"{subject}: {found}")
+    each = _scores(book, [task], ours, theirs)
+    if isinstance(each, str):
+        return Part(OPEN, f"{subject}: {each}")
+    found = _difference(each, what)
     within = found.low > -MARGIN and found.high < MARGIN
     outside = found.low > MARGIN or found.high < -MARGIN
-    return Part(HOLDS if within else FAILS if outside else OPEN, f"{subject} {show(found, '+.3f')}")
+    verdict = HOLDS if within else FAILS if outside else OPEN
+    return Part(verdict, f"{subject} {show(found, '+.3f')}, {_steps(each)}")
 
 
 def wider(book: Book, far: Sequence[Task], near: Sequence[Task]) -> Part:
@@ -80,22 +86,25 @@ def wider(book: Book, far: Sequence[Task], near: Sequence[Task]) -> Part:
     each = _scores(book, [*far, *near], "crsfd", "sacfd")
     if isinstance(each, str):
         return Part(OPEN, f"{subject}: {each}")
-    gaps = [task.area_gap for task in each]
-    found = statistics.gap_interval(gaps[: len(far)], gaps[len(far) :])
+    gaps, seeds = [task.area_gap for task in each], [task.seeds for task in each]
+    weights = [1 / len(far)] * len(far) + [-1 / len(near)] * len(near)
+    found = statistics.weighted_interval(gaps, seeds, weights)
     verdict = HOLDS if found.low > 0 else FAILS if found.high < MARGIN else OPEN
-    return Part(verdict, f"{subject} {show(found, '+.3f')}")
+    return Part(verdict, f"{subject} {show(found, '+.3f')}, {_steps(each)}")
 
 
 def below(book: Book, task: Task, method: str, level: float) -> Part:
     """Whether the final success of a method stays below a level."""
     subject = f"{task}: {_label(method)}"
-    cells = book.get((method, task))
+    cells = _usable(book, method, task)
     lacking = _lacking(cells[0]) if cells else f"no run of {_label(method)}"
     if not cells or lacking:
         return Part(OPEN, f"{subject}: {lacking}")
-    found = statistics.mean_interval([statistics.final(*cells[0].curve)])
+    found = statistics.mean_interval([statistics.final(*cells[0].curve)], [cells[0].seeds])
+    found = Estimate(*np.clip(found, 0, 1).tolist())
     verdict = HOLDS if found.high < level else FAILS if found.low >= level else OPEN
-    return Part(verdict, f"{subject} {show(found)}")
+    steps = f", {cells[0].steps / 1000:.0f}k steps" * cells[0].interacts
+    return Part(verdict, f"{subject} {show(found)}{steps}")
 
 
 def above(transfers: Sequence[Transfer], shape: str, rate: float) -> Part:
@@ -119,12 +128,9 @@ def show(estimate: Estimate, form: str = ".3f") -> str:
 _WORDS = {"final": "final success", "area": "area"}
 
 
-def _difference(book, tasks, ours, theirs, what) -> Estimate | str:
-    """The difference, or what it takes to tell it."""
-    each = _scores(book, tasks, ours, theirs)
-    if isinstance(each, str):
-        return each
-    return statistics.mean_interval([getattr(task, f"{what}_gap") for task in each])
+def _difference(each: Sequence[summary.Scores], what: str) -> Estimate:
+    gaps = [getattr(task, f"{what}_gap") for task in each]
+    return statistics.mean_interval(gaps, [task.seeds for task in each])
 
 
 def _scores(
@@ -134,7 +140,7 @@ def _scores(
     found = []
     for task in tasks:
         where = f" on {task}" if len(tasks) > 1 else ""
-        first, second = (book.get((method, task), []) for method in (ours, theirs))
+        first, second = (_usable(book, method, task) for method in (ours, theirs))
         if not first or not second:
             return f"no run of {_label(theirs if first else ours)}{where}"
         two = pair(first, second)
@@ -146,6 +152,18 @@ def _scores(
             return f"no evaluations at the same steps{where}"
         found.append(scores)
     return found
+
+
+def _steps(each: Sequence[summary.Scores]) -> str:
+    """Up to which step methods are compared, such as 60k steps."""
+    ends = dict.fromkeys(f"{end(task.steps for task in each) / 1000:.0f}k" for end in (min, max))
+    return f"{' to '.join(ends)} steps"
+
+
+def _usable(book: Book, method: str, task: Task) -> list[Cell]:
+    """The cells that lack nothing, the longest runs first; all of them if there is none."""
+    cells = book.get((method, task), [])
+    return [cell for cell in cells if not _lacking(cell)] or cells
 
 
 def _lacking(cell: Cell) -> str:

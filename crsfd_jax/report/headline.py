@@ -1,5 +1,6 @@
 """The answer in a few sentences, before anything else."""
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 
@@ -7,10 +8,10 @@ import numpy as np
 
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, Claim, show
-from crsfd_jax.report.methods import style
+from crsfd_jax.report.methods import WITHOUT_INTERACTION, style
 from crsfd_jax.report.pairing import longest, rivals
 from crsfd_jax.report.statistics import final
-from crsfd_jax.report.summary import LEVEL, compare
+from crsfd_jax.report.summary import LEVEL, compare, scores
 
 
 def sentences(cells: Sequence[Cell], claims: Sequence[Claim]) -> list[str]:
@@ -47,22 +48,33 @@ def _level(cells: Sequence[Cell], ours: str) -> str:
 
 
 def _contest(cells: Sequence[Cell], ours: str) -> list[str]:
-    """Against the method that comes closest in area on the tasks that both have."""
-    others = {m: two for m, two in rivals(cells, ours).items() if not m.startswith("crsfd")}
-    # A rival on one task of many says little: those with the most tasks count.
-    most = max(map(len, others.values()), default=0)
-    found = {m: compare(pairs) for m, pairs in others.items() if len(pairs) == most}
-    found = {method: comparison for method, comparison in found.items() if comparison}
-    if not found:
+    """Against the interacting method that comes closest on the tasks that both have."""
+    others = {
+        method: pairs
+        for method, pairs in rivals(cells, ours).items()
+        if method not in WITHOUT_INTERACTION and not method.startswith("crsfd")
+    }
+    ahead = {method: _steps_ahead(pairs) for method, pairs in others.items()}
+    if not ahead or min(ahead.values()) == np.inf:
         return []
-    rival = min(found, key=lambda method: found[method].area.value)
-    best = found[rival]
+    rival = min(ahead, key=lambda method: ahead[method])
+    best = compare(others[rival])
+    assert best
     where = f"{best.tasks} tasks" if best.tasks > 1 else f"{others[rival][0][0].task}"
     known = best.area.low > 0 or best.area.high < 0
     words = "faster than" if best.area.low > 0 else "slower than" if known else "as fast as"
     doubt = "" if known else ", as far as these seeds can tell"
     return [
-        f"It learns {words} {style(rival).label}, the strongest other method, on {where}{doubt}: "
+        f"It learns {words} {style(rival).label}, the closest other method, on {where}{doubt}: "
         f"the area under the curve differs by {show(best.area, '+.3f')}, the final success by "
         f"{show(best.final, '+.3f')}."
     ]
+
+
+def _steps_ahead(pairs: Sequence[tuple[Cell, Cell]]) -> float:
+    """Environment steps by which the first is ahead, mean over tasks; infinite if none compares.
+
+    Areas under curves of other lengths do not compare, the steps that they stand for do.
+    """
+    each = [task for task in itertools.starmap(scores, pairs) if task]
+    return float(np.mean([task.steps * task.area_gap.mean() for task in each])) if each else np.inf

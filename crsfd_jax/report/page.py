@@ -38,8 +38,9 @@ _NOTES = (
     "Success is that of the deterministic policy in fresh evaluation episodes.",
     "Final success of a seed: mean of its evaluations in the last tenth of its steps. Mean ± "
     "standard deviation (population) over seeds, as the figures draw it.",
-    "IQM: mean of the middle half of the seeds; its interval resamples seeds (10,000 bootstrap "
-    "samples, percentiles 2.5 and 97.5). Over several tasks, seeds are resampled within each.",
+    "Intervals of differences are Student's t over seeds. Those of IQM (mean of the middle half of "
+    "the seeds) and P(better) are bootstrapped (10,000 samples of the seeds, percentiles 2.5 and "
+    "97.5), somewhat too narrow with few seeds. On several tasks a seed counts once.",
     f"Steps to {LEVEL * 100:g} %: first evaluation at which the mean over seeds reaches {LEVEL:g}; "
     "seeds there: how many reach it in any evaluation.",
     "Area: under the curve of success from 0 steps (success 0) to the last, divided by the steps; "
@@ -49,8 +50,6 @@ _NOTES = (
     "Seeds that diverged are in all averages, with the success that they had; the troubles of each "
     "run are listed with the machines.",
     "BC does not interact: it has one level, that of its last evaluations.",
-    "With few seeds bootstrap intervals are somewhat too narrow: five seeds can show no "
-    "difference finer than one of 32 sign patterns.",
 )
 
 

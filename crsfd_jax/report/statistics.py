@@ -1,14 +1,19 @@
-"""Numbers that compare runs: areas, trimmed means and bootstrap intervals over seeds.
+"""Numbers that compare runs: areas, trimmed means, and their intervals over seeds.
 
-Runs are resampled within their task and tasks are kept, as Agarwal et al. 2021 (arXiv 2108.13264)
-advise for few runs. Every function that resamples starts from the same seed: equal runs give equal
-numbers.
+Means and differences have Student's t interval: of five seeds a percentile bootstrap covers the
+mean in 85 % of the cases, not in 95 %. Interquartile means and chances of improvement, which have
+no such form, are bootstrapped as Agarwal et al. 2021 (arXiv 2108.13264) advise, always from the
+same seed, so that equal runs give equal numbers.
+
+A seed starts from the same networks and the same draws on every task, so its scores on several
+tasks are no independent ones: all intervals take the seeds, not the runs, as what was sampled.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import stdtrit
 
 RESAMPLES = 10_000
 LAST_SHARE = 0.1
@@ -61,33 +66,46 @@ def interquartile_interval(tasks: Sequence[np.ndarray]) -> Estimate:
     return _estimate(interquartile_mean(np.concatenate(tasks)), interquartile_mean(drawn))
 
 
-def mean_interval(tasks: Sequence[np.ndarray]) -> Estimate:
-    """Mean over tasks of the mean of the scores [S] of each; tasks weigh the same.
+def weighted_interval(
+    tasks: Sequence[np.ndarray], seeds: Sequence[np.ndarray], weights: Sequence[float]
+) -> Estimate:
+    """Sum of weight times mean score over tasks, with its t interval.
 
-    Of paired scores, give the differences.
+    The variance is that of sums over the tasks of each seed (cluster-robust), its degrees of
+    freedom those of the task with the fewest seeds. One seed says nothing of the interval.
+
+    Args:
+      tasks: [S] scores on each task; of paired scores, the differences.
+      seeds: [S] whose scores they are.
     """
-    drawn = [scores[rows].mean(axis=1) for scores, rows in _resampled(tasks)]
-    return _estimate(np.mean([scores.mean() for scores in tasks]), np.mean(drawn, axis=0))
+    parts: dict[int, float] = {}
+    for scores, names, weight in zip(tasks, seeds, weights, strict=True):
+        for name, deviation in zip(names.tolist(), scores - scores.mean(), strict=True):
+            parts[name] = parts.get(name, 0.0) + weight * deviation / len(scores)
+    value = float(sum(w * scores.mean() for w, scores in zip(weights, tasks, strict=True)))
+    fewest = min(map(len, tasks))
+    if fewest < 2:
+        return Estimate(value, -np.inf, np.inf)
+    error = np.sqrt(fewest / (fewest - 1) * np.sum(np.square([*parts.values()])))
+    half = float(stdtrit(fewest - 1, 0.975) * error)
+    return Estimate(value, value - half, value + half)
 
 
-def gap_interval(larger: Sequence[np.ndarray], smaller: Sequence[np.ndarray]) -> Estimate:
-    """How much larger the mean over tasks of one group is than that of another."""
-    groups = _resampled([*larger, *smaller])
-    drawn = np.array([scores[rows].mean(axis=1) for scores, rows in groups])
-    value = np.mean([s.mean() for s in larger]) - np.mean([s.mean() for s in smaller])
-    gaps = drawn[: len(larger)].mean(axis=0) - drawn[len(larger) :].mean(axis=0)
-    return _estimate(value, gaps)
+def mean_interval(tasks: Sequence[np.ndarray], seeds: Sequence[np.ndarray]) -> Estimate:
+    """Mean over tasks of the mean of the scores of each; tasks weigh the same."""
+    return weighted_interval(tasks, seeds, [1 / len(tasks)] * len(tasks))
 
 
 def improvement(ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray]) -> Estimate:
     """Chance that a run of ours scores above one of theirs on the same task, mean over tasks.
 
-    Ties count half: on each task it is the U of Mann and Whitney over the number of pairs. Runs of
+    Ties count half: on each task it is the U of Mann and Whitney over the number of pairs. Seeds of
     both are resampled.
     """
-    generator = np.random.default_rng(_SEED)
     values, drawn = [], []
     for x, y in zip(ours, theirs, strict=True):
+        # Anew for each task: the same seeds are drawn on all.
+        generator = np.random.default_rng(_SEED)
         won = (x[:, None] > y) + 0.5 * (x[:, None] == y)
         # How often each run is drawn says all: no [resamples, S, S] is needed.
         x_share, y_share = (_shares(generator, len(scores)) for scores in (x, y))
@@ -117,9 +135,10 @@ def _known(env_steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _resampled(tasks: Sequence[np.ndarray]):
-    """Scores [S] and rows [RESAMPLES, S] drawn from them with replacement, task by task."""
-    generator = np.random.default_rng(_SEED)
-    return [(s, generator.integers(len(s), size=(RESAMPLES, len(s)))) for s in tasks]
+    """Scores [S] and rows [RESAMPLES, S] drawn from them with replacement, alike on all tasks."""
+    for scores in tasks:
+        generator = np.random.default_rng(_SEED)
+        yield scores, generator.integers(len(scores), size=(RESAMPLES, len(scores)))
 
 
 def _shares(generator: np.random.Generator, count: int) -> np.ndarray:

@@ -54,8 +54,10 @@ class Scores(NamedTuple):
     steps: int
     final: tuple[np.ndarray, np.ndarray]
     area: tuple[np.ndarray, np.ndarray]
+    seeds: np.ndarray
+    """[pairs] of the first cell, each beside one of the second."""
     final_gap: np.ndarray
-    """[pairs] first minus second, seed by seed."""
+    """[pairs] first minus second."""
     area_gap: np.ndarray
 
 
@@ -93,6 +95,7 @@ def scores(ours: Cell, theirs: Cell) -> Scores | None:
         steps=int(steps[-1]),
         final=(final[0], final[1]),
         area=(area[0], area[1]),
+        seeds=ours.seeds[first],
         final_gap=final[0][first] - final[1][second],
         area_gap=area[0][first] - area[1][second],
     )
@@ -103,11 +106,12 @@ def compare(pairs: Sequence[tuple[Cell, Cell]]) -> Comparison | None:
     each = [task for task in (scores(ours, theirs) for ours, theirs in pairs) if task]
     if not each:
         return None
+    seeds = [task.seeds for task in each]
     return Comparison(
         tasks=len(each),
         steps=tuple(task.steps for task in each),
-        final=statistics.mean_interval([task.final_gap for task in each]),
-        area=statistics.mean_interval([task.area_gap for task in each]),
+        final=statistics.mean_interval([task.final_gap for task in each], seeds),
+        area=statistics.mean_interval([task.area_gap for task in each], seeds),
         better_final=statistics.improvement(*zip(*(task.final for task in each), strict=True)),
         better_area=statistics.improvement(*zip(*(task.area for task in each), strict=True)),
     )
