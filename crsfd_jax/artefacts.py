@@ -43,6 +43,7 @@ COPIES = 3
 """Checkpoints that exist at once: two kept and one being written."""
 
 LOCK, _CONFIG = ".lock", "config.json"
+_METRICS, _CHECKPOINTS = "metrics.csv", "checkpoints"
 MAY_CHANGE = ("out", "engine", "target", "log", "clips")
 """Options that a continued run may give anew; --steps may grow."""
 _STORAGE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
@@ -73,14 +74,14 @@ def open_run(
         options, or it cannot be written, also later in the block.
     """
     path = Path(path).absolute()
-    run = RunFolder(path, path / "metrics.csv", path / "checkpoints", path / "curves.png")
+    run = RunFolder(path, path / _METRICS, path / _CHECKPOINTS, path / "curves.png")
     what_to_do, code = "choose another --out", USAGE
     try:
         _refuse_foreign(path)
         path.mkdir(parents=True, exist_ok=True)
         with _locked(path):
             remove_leftovers(path)
-            _write_or_compare(path / _CONFIG, _manifest(config, device, command))
+            _record(path, _manifest(config, device, command))
             run.checkpoints.mkdir(exist_ok=True)
             sync(path)
             what_to_do, code = "put it right and run the same command again", STOPPED
@@ -91,6 +92,17 @@ def open_run(
         raise UserError(
             f"{path}: cannot be written: {error.strerror}; {what_to_do}", code
         ) from error
+
+
+def begun(path: str | Path) -> Config | None:
+    """The options of the run in a folder if it has left anything to go on from.
+
+    Raises:
+      UserError: its description is damaged.
+    """
+    path = Path(path)
+    left = (path / _METRICS).exists() or any((path / _CHECKPOINTS).glob("*"))
+    return read_config(path) if left else None
 
 
 def read_config(path: str | Path) -> Config:
@@ -183,19 +195,20 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _write_or_compare(path: Path, manifest: dict[str, Any]) -> None:
-    if path.exists():
-        old = _read_manifest(path)
+def _record(path: Path, manifest: dict[str, Any]) -> None:
+    """Describes the run in its folder; if it has begun, it must be the same."""
+    if begun(path):
+        old = _read_manifest(path / _CONFIG)
         _refuse_other_run(path, old["config"], _as_json(manifest["config"]))
         for name in ("versions", "device"):
             if old[name] != manifest[name]:
                 _log.warning(
                     "%s: started with other %s, so not bit-equal from here on: %s, now %s",
-                    *(path.parent, name, old[name], manifest[name]),
+                    *(path, name, old[name], manifest[name]),
                 )
         manifest = old | {"config": manifest["config"]}
     text = json.dumps(manifest, indent=2) + "\n"
-    write_atomically(path, lambda stream: stream.write(text.encode()))
+    write_atomically(path / _CONFIG, lambda stream: stream.write(text.encode()))
 
 
 def _read_manifest(path: Path) -> dict[str, Any]:
@@ -220,7 +233,7 @@ def _refuse_other_run(path: Path, old: Mapping[str, Any], new: Mapping[str, Any]
     if changed:
         free = ", ".join(f"--{name}" for name in MAY_CHANGE if name != "out")
         raise UserError(
-            f"{path.parent}: holds a run with other options: {', '.join(changed)}; use its "
+            f"{path}: holds a run with other options: {', '.join(changed)}; use its "
             f"options (--steps may grow; {free} may change) or another --out"
         )
 

@@ -14,7 +14,7 @@ from jax.sharding import Mesh
 
 from crsfd_jax import algorithms, chunk, device, evaluation, shapes, spread, task, train_step
 from crsfd_jax.algorithms.method import Preparation
-from crsfd_jax.config import Config, run_folder
+from crsfd_jax.config import Config, Replay, run_folder
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
@@ -43,13 +43,19 @@ class Program(NamedTuple):
     """The devices that share the seeds."""
 
 
-def fitted(config: Config) -> Config:
+def fitted(config: Config, begun: Config | None = None) -> Config:
     """The configuration with the sizes that a run really uses.
 
-    The buffer need not hold more than the run makes; the folder gets a name.
+    The buffer need not hold more than the run makes, and a run that goes on with more steps keeps
+    the one that it has unless it is told another; the folder gets a name.
+
+    Args:
+      begun: the options of the run that the folder holds.
     """
-    made = total_steps(config) * config.envs
-    replay = dataclasses.replace(config.replay, capacity=min(config.replay.capacity, made))
+    capacity = min(config.replay.capacity, total_steps(config) * config.envs)
+    if begun and config.replay.capacity == Replay().capacity:
+        capacity = begun.replay.capacity
+    replay = dataclasses.replace(config.replay, capacity=capacity)
     return dataclasses.replace(config, replay=replay, out=run_folder(config))
 
 

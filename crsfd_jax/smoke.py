@@ -7,14 +7,12 @@ from crsfd_jax.config import Config, Evaluation
 
 def smoke_sized(config: Config) -> Config:
     """The same run shrunk to a quick check that the whole path works; it learns nothing."""
-    envs = min(config.envs, 16)
     return replace(
         config,
         seeds=min(config.seeds, 2),
         steps=min(config.steps, 4096),
-        envs=envs,
+        envs=min(config.envs, 16),
         sac=replace(config.sac, warmup_steps=min(config.sac.warmup_steps, 512), updates_per_step=4),
-        replay=replace(config.replay, capacity=4096 // envs * envs),
         potential=replace(config.potential, steps=min(config.potential.steps, 500)),
         evaluation=Evaluation(every=2048, episodes=10),
     )

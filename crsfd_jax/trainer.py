@@ -18,7 +18,7 @@ import numpy as np
 
 from crsfd_jax import artefacts, bookkeeping, device, metrics, spread, standing
 from crsfd_jax.bookkeeping import Run
-from crsfd_jax.config import Config
+from crsfd_jax.config import Config, from_dict, run_folder, to_dict
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.interrupt import Interrupt
@@ -48,7 +48,7 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
     Raises:
       UserError: a run cannot start or go on: run folder, disk, memory or engine.
     """
-    configs = [fitted(config) for config in configs]
+    configs = _fitted(configs)
     words = device.describe(configs[0])
     with _places(configs) as paths, contextlib.ExitStack() as stack:
         folders = [
@@ -126,6 +126,12 @@ def run(
 def save_is_due(save_s: float, since_s: float) -> bool:
     """Whether to save again `since_s` after a save that took `save_s`; the first is due at once."""
     return save_s < _SAVE_SHARE * since_s
+
+
+def _fitted(configs: Sequence[Config]) -> list[Config]:
+    """With the sizes that follow from what the first process has in the run folders."""
+    own = [to_dict(fitted(config, artefacts.begun(run_folder(config)))) for config in configs]
+    return [from_dict(each) for each in json.loads(spread.text_from_first(json.dumps(own)))]
 
 
 def _are_over(runs: Sequence[Run]) -> bool:

@@ -29,8 +29,10 @@ with open_run(sys.argv[1], Config(), "cpu", []):
 
 
 def enter(path, config=Config(), checkpoint_bytes=1000, device="cpu"):  # noqa: B008
+    """Opens a run that leaves something: from then on its options are fixed."""
     with open_run(path, config, device, ["train"]) as run:
         refuse_full_disk(run, checkpoint_bytes)
+        run.metrics.touch()
         return run
 
 
@@ -176,6 +178,13 @@ def test_an_option_that_the_folder_does_not_know_yet_had_its_default(tmp_path):
     manifest["config"]["colour"] = "red"
     file.write_text(json.dumps(manifest))
     assert "colour are unknown to this version" in refusal(tmp_path / "run")
+
+
+def test_a_start_that_was_refused_leaves_the_choice_of_options(tmp_path):
+    assert "MB free" in refusal(tmp_path / "run", Config(seeds=10_000), checkpoint_bytes=10**15)
+    run = enter(tmp_path / "run", Config(seeds=3))
+    assert artefacts.read_config(run.path).seeds == 3
+    assert "seeds 3 -> 4" in refusal(tmp_path / "run", Config(seeds=4))
 
 
 def test_a_disk_without_room_for_the_checkpoints_is_refused(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from crsfd_jax import artefacts, cli, metrics
-from crsfd_jax.config import Config, to_dict
+from crsfd_jax.config import Config, Replay, to_dict
 from crsfd_jax.program import CHUNK_STEPS, evaluation_period, fitted, total_steps
 from crsfd_jax.smoke import smoke_sized
 from crsfd_jax.sweeps import state
@@ -119,6 +119,21 @@ def test_sizes_of_a_run_are_whole_chunks():
     assert evaluation_period(config) * config.envs == config.evaluation.every
     assert fitted(config).replay.capacity == total_steps(config) * config.envs
     assert fitted(Config(steps=10**6)).replay.capacity == Config().replay.capacity
+
+
+def test_a_run_that_goes_on_with_more_steps_keeps_its_buffer_unless_told_another():
+    begun, longer = fitted(Config(steps=60_000)), Config(steps=120_000)
+    assert fitted(longer, begun).replay.capacity == begun.replay.capacity < 120_000
+    other = replace(longer, replay=Replay(capacity=64_000))
+    assert fitted(other, begun).replay.capacity == 64_000
+
+
+def test_steps_may_grow_whatever_the_buffer_was_fitted_to(tmp_path):
+    for steps, said in ((2048, "prepared"), (4096, "resumed at 2048 of 4096 steps")):
+        code, out, err = finished("train", *OPTIONS, "--steps", steps, "--out", tmp_path / "run")
+        assert code == 0, err
+        assert said in out and "buffer    2048 transitions" in out
+    assert metrics.read(tmp_path / "run" / "metrics.csv")["env_steps"].tolist()[::2] == [2048, 4096]
 
 
 def test_config_survives_json(tmp_path):
