@@ -93,12 +93,17 @@ def _missing_value(match: re.Match[str], _: Any) -> str:
     return f"{match[1]}: got no value, allowed: one value; write it after the option"
 
 
+def _missing_values(match: re.Match[str], _: Any) -> str:
+    return f"got too few values, missing: {match[1].replace(' (required)', ',').strip(' ,')}"
+
+
 def _unknown_option(match: re.Match[str], advice: list[str]) -> str:
-    tokens = match[1].split(", ")
+    tokens = re.sub(r" \(applied to [^)]*\)", ",", match[1]).strip(",").split(", ")
     token = next((t for t in tokens if t.startswith("-")), tokens[0]).partition("=")[0]
     what = "an unknown option" if token.startswith("-") else "a value without an option"
     headings = (re.match(r"(--[\w.-]+)(?:,| [A-Z{\[])", line) for line in advice)
-    near = list(dict.fromkeys(heading[1] for heading in headings if heading))[:3]
+    named = dict.fromkeys(heading[1] for heading in headings if heading)
+    near = [name for name in named if name != token][:3]
     what_to_do = f"did you mean {' or '.join(near)}?" if near else "see --help"
     return f"{token}: got {what}, allowed: the options in --help; {what_to_do}"
 
@@ -120,7 +125,8 @@ def _no_type(match: re.Match[str], advice: list[str]) -> str:
 
 _REWRITES: tuple[tuple[str, Callable[[re.Match[str], list[str]], str]], ...] = (
     (r"Missing value for argument '(.+?)'", _missing_value),
-    (r"Unrecognized options: (.*)", _unknown_option),
+    (r"Missing from .*?: (.*)", _missing_values),
+    (r"Unrecognized (?:or misplaced )?options: (.*)", _unknown_option),
     (r"invalid choice '(.*)' for argument '(\S+)'. Expected one of (.*)", _invalid_choice),
     (r"Error parsing (\S+): invalid literal for int\(\) with base 10: (.*)",
      _not_a_number("a whole number")),

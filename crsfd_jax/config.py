@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from crsfd_jax import shapes
 from crsfd_jax.errors import UserError
-from crsfd_jax.limits import Interval, OneOf
+from crsfd_jax.limits import Interval, OneOf, is_like
 from crsfd_jax.option_types import (
     Count,
     Discount,
@@ -213,7 +213,7 @@ def from_dict(values: Mapping[str, Any]) -> Config:
     An option that is missing, because it is younger than the file, has its default.
 
     Raises:
-      UserError: an option is unknown.
+      UserError: an option is unknown, or its value is of another kind.
     """
     return _rebuild(Config, values)
 
@@ -222,22 +222,22 @@ def _rebuild(kind: Any, values: Any) -> Any:
     hints = typing.get_type_hints(kind)
     if not isinstance(values, Mapping):
         raise UserError(f"config.json: got {values!r}, expected the options of {kind.__name__}")
-    if values.keys() - hints.keys():
-        odd = ", ".join(sorted(values.keys() - hints.keys()))
-        raise UserError(f"config.json: options {odd} are unknown to this version")
-    made = {}
+    if odd := values.keys() - hints.keys():
+        raise UserError(
+            f"config.json: options {', '.join(sorted(odd))} are unknown to this version"
+        )
+    usual, made = kind(), {}
     for name, value in values.items():
         if dataclasses.is_dataclass(hints[name]):
             value = _rebuild(hints[name], value)
+        elif not is_like(value, getattr(usual, name)):
+            raise UserError(f"config.json: {name} is {value!r}, not a value of that option")
         made[name] = tuple(value) if isinstance(value, list) else value
     return kind(**made)
 
 
 def run_name(config: Config) -> str:
-    """Name of the run folder, made of the options that tell runs apart.
-
-    Example: crsfd-shape2-shift8mm-seed0x5 for five seeds from seed 0.
-    """
+    """Name of the run folder, such as crsfd-shape2-shift8mm-seed0x5 for five seeds from seed 0."""
     task = f"shape{shapes.label(config.shape)}-shift{format_length(config.shift)}"
     if config.randomisation != Randomisation():
         task += "-randomised"

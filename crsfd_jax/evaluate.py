@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from crsfd_jax import artefacts, cli, validation
+from crsfd_jax import artefacts, cli, files, validation
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import Interval
@@ -22,14 +22,14 @@ class Evaluate:
     Shape, shift and randomisation are the run's own where they are not given.
     """
 
-    run: tyro.conf.Positional[str]
+    run: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="RUN")]
     """Folder of the run."""
     shape: Shape | None = None
     """Peg and socket, as in training: one or several."""
     shift: Length | None = None
     """Side of the square of the socket's offset, such as 4mm."""
     held_out: bool = False
-    """Draw what tells the arm from its model from ranges that no training draws from."""
+    """Draw what tells the arm from its model from ranges that experiments/transfer.py avoids."""
     randomisation: Randomisation = field(default_factory=Randomisation)
     episodes: Annotated[int, Interval(1, 1_000_000)] = 100
     """Episodes of each seed."""
@@ -38,7 +38,7 @@ class Evaluate:
     engine: Literal["auto", "native", "mjx", "warp"] = "auto"
     """Physics engine; auto is mjx on an accelerator and native on a CPU."""
     csv: str = ""
-    """File for a table of trials and successes of each seed and shape; none if empty."""
+    """New file for a table of trials and successes of each seed and shape; none if empty."""
 
 
 def task_of(argv: list[str]) -> tuple[Evaluate, Config]:
@@ -55,10 +55,12 @@ def task_of(argv: list[str]) -> tuple[Evaluate, Config]:
     names = ("shape", "shift", "randomisation", "engine")
     task = dataclasses.replace(own, **{name: getattr(given, name) for name in names})
     validation.validate(task)
-    if given.csv and not Path(given.csv).absolute().parent.is_dir():
+    if given.held_out and given.randomisation != HELD_OUT:
         raise UserError(
-            f"--csv: got {given.csv!r}, allowed: a file in a folder that exists; choose another"
+            "--held-out: got --randomisation as well, allowed: one of them; leave the other out"
         )
+    if given.csv:
+        files.reserve(given.csv, "--csv")
     return given, task
 
 

@@ -1,7 +1,7 @@
 """`python -m crsfd_jax.export RUN --format onnx --check`: a policy for a robot without JAX."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -15,7 +15,7 @@ _NEEDS = {"onnx": ("onnx", "onnxruntime"), "stablehlo": ("flatbuffers",)}
 class Export:
     """Writes the deterministic policy of one seed, with all that its user must know beside it."""
 
-    run: tyro.conf.Positional[str]
+    run: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="RUN")]
     """Folder of the run."""
     format: Literal["onnx", "npz", "stablehlo"] = "npz"
     """File format: npz needs numpy only to run, stablehlo needs JAX or another XLA."""

@@ -32,21 +32,21 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     sync(path.parent)
 
 
-def reserve(out: str) -> None:
-    """Makes the folder of a file that --out names, before anything takes time.
+def reserve(out: str, option: str = "--out") -> None:
+    """Makes the folder of a file that an option names, before anything takes time.
 
     Raises:
       UserError: the file exists, or its folder cannot be made.
     """
     if Path(out).exists():
         raise UserError(
-            f"--out: got {out!r}, which exists, allowed: a new file; choose another name"
+            f"{option}: got {out!r}, which exists, allowed: a new file; choose another name"
         )
     try:
         Path(out).absolute().parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(
-            f"--out: got {out!r}, allowed: a file in a folder that can be made; choose another "
+            f"{option}: got {out!r}, allowed: a file in a folder that can be made; choose another "
             f"({error.strerror})"
         ) from None
 

@@ -77,6 +77,20 @@ def check_limits(config: Any, prefix: str = "--") -> None:
             _check_value(option, value, tuple(_limits_of(hints[field.name])))
 
 
+def is_like(value: Any, usual: Any) -> bool:
+    """Whether a value from JSON could stand in place of a field's default.
+
+    Lists hold numbers, and a default of None stands for a number that may be left out.
+    """
+    if isinstance(usual, tuple):
+        return isinstance(value, list | tuple) and all(is_like(part, 0.0) for part in value)
+    if isinstance(usual, bool | str):
+        return type(value) is type(usual)
+    if usual is None and value is None:
+        return True
+    return type(value) is int or (type(value) is float and type(usual) is not int)
+
+
 def choice_message(option: str, value: str, choices: tuple[str, ...]) -> str:
     """The refusal of a word that is not in a closed list, with the nearest one that is."""
     near = difflib.get_close_matches(value, choices, n=1)

@@ -63,6 +63,13 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
       command: what trains a cell, given its arguments.
     """
     options = cli.parse(Sweep, argv)
+    if options.gpus and options.runner == "local":
+        raise UserError(
+            f"--gpus: got {options.gpus:g} with --runner local, allowed with ray and slurm; leave "
+            "it out, or choose another runner"
+        )
+    if options.status and options.dry_run:
+        raise UserError("--status: got --dry-run as well, allowed: one of them; leave one out")
     experiment = cells.load(options.experiment)
     chosen = [cell for cell in experiment.cells if fnmatch.fnmatch(cell.name, options.only)]
     if not chosen:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import tyro
 
-from crsfd_jax import cli, config, option_types, shapes, validation
+from crsfd_jax import artefacts, cli, config, option_types, shapes, validation
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
 from crsfd_jax.limits import Interval
@@ -22,15 +22,16 @@ from crsfd_jax.report import opengl
 class View:
     """Shows the policies of a run in a browser, films them, or draws a task."""
 
-    run: tyro.conf.Positional[str] = ""
+    run: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="RUN")] = ""
     """Folder of the run to watch or film; without one, a picture of the task is drawn."""
     shape: option_types.Shape | None = None
     """Peg and socket: 0, 1, 2, 3, 4 or a text file with a grid of # and . for cells; the run's own
     if not given, or 2."""
     shift: Annotated[config.Length, Interval(0, 0.02)] | None = None
     """Side of the square of socket offsets, such as 8mm; the run's own if not given, or 0."""
-    png: str = "scene.png"
-    """Picture to write when no run is given; the socket is drawn in a corner of the square."""
+    png: str | None = None
+    """Picture to write when no run is given, scene.png if not named; the socket is drawn in a
+    corner of the square."""
     video: str = ""
     """Film of the run to write, .mp4 or .gif, instead of the browser."""
     episodes: Annotated[int, Interval(1, 1000)] = 3
@@ -58,8 +59,13 @@ def main(argv: list[str]) -> None:
         )
     if view.video and not view.run:
         raise UserError("--video: got no run to film; write its folder, view RUN --video out.mp4")
+    for option, given in (("--png", view.png), ("--scene", view.scene != config.Scene())):
+        if view.run and given:
+            raise UserError(f"{option}: got the run {view.run} as well, allowed: one of them")
+    if view.run:
+        artefacts.read_config(view.run)
     if not view.run:
-        _draw(view)
+        _draw(view, view.png or "scene.png")
     elif view.video:
         opengl.platform()
         from crsfd_jax.viewer import film
@@ -78,7 +84,9 @@ def _options(view: View) -> config.Config:
     )
 
 
-def _draw(view: View) -> None:
+def _draw(view: View, png: str) -> None:
+    if Path(png).suffix != ".png":
+        raise UserError(f"--png: got {png!r}, allowed: a name that ends in .png; choose one")
     opengl.platform()
     # Imported late: a bad command line is answered at once, and mujoco needs its OpenGL known.
     from PIL import Image
@@ -91,13 +99,13 @@ def _draw(view: View) -> None:
     scene = build(options.scene, task.shapes_known(options))
     picture = Image.fromarray(overview(scene, scene.shapes.index(options.shape), options.shift))
     try:
-        write_atomically(Path(view.png), lambda stream: picture.save(stream, "PNG"))
+        write_atomically(Path(png), lambda stream: picture.save(stream, "PNG"))
     except OSError as error:
         raise UserError(
-            f"--png: got {view.png!r}, allowed: a file in a folder that exists and can be "
+            f"--png: got {png!r}, allowed: a file in a folder that exists and can be "
             f"written; choose another ({error.strerror})"
         ) from None
-    print(f"wrote {view.png}")
+    print(f"wrote {png}")
 
 
 if __name__ == "__main__":

@@ -6,8 +6,13 @@ python -m crsfd_jax.report experiments/results --out docs/results
 
 import json
 import shutil
-import sys
+from dataclasses import dataclass
 from pathlib import Path
+
+import tyro
+
+from crsfd_jax import cli
+from crsfd_jax.errors import UserError
 
 RESULTS = Path(__file__).parent / "results"
 PRIVATE = ("out", "demos")
@@ -32,12 +37,30 @@ def collect(run: Path) -> Path:
     return folder / f"{run.name}.csv"
 
 
-def main(folders: list[str]) -> None:
-    """Collects every run in and below the folders."""
-    for folder in folders:
-        for config in sorted(Path(folder).rglob("config.json")):
+@dataclass(frozen=True)
+class Collect:
+    """Copies the tables and options of runs to experiments/results/."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a run, or with runs in it."""
+    others: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """More of them."""
+
+
+def main(argv: list[str]) -> None:
+    """Collects every run in and below the folders.
+
+    Raises:
+      UserError: a folder holds none.
+    """
+    options = cli.parse(Collect, argv)
+    for folder in (options.folder, *options.others):
+        found = sorted(folder.rglob("config.json"))
+        if not found:
+            raise UserError(f"{folder}: no run in it; give the folder of a run or one with runs")
+        for config in found:
             print(collect(config.parent))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    cli.main(main)

@@ -10,13 +10,14 @@ and by the larger of the distances along x and y at which the arm perceives the 
 """
 
 import itertools
-import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import search
+import tyro
 
-from crsfd_jax import compile_cache, config
+from crsfd_jax import cli, compile_cache, config
 from crsfd_jax.env import rest_posture
 from crsfd_jax.physics.interface import Surroundings
 from crsfd_jax.randomisation import HELD_OUT
@@ -36,10 +37,21 @@ def perceived(around: Surroundings) -> np.ndarray:
     return around.socket_offset + error[..., :2]
 
 
-def main(runs: list[Path]) -> None:
+@dataclass(frozen=True)
+class Reach:
+    """What decides held-out trials: how far from its expected place a hole seems to be."""
+
+    run: tyro.conf.Positional[Path]
+    """Folder of a run."""
+    others: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """More of them."""
+
+
+def main(argv: list[str]) -> None:
     """Prints a line for each run and friction."""
+    options = cli.parse(Reach, argv)
     compile_cache.enable()
-    for run in runs:
+    for run in (options.run, *options.others):
         around, success, _ = search.play(run, HELD_OUT)
         distance = np.abs(perceived(around)).max(axis=-1)
         print(f"{run.name}: {success.mean():.3f}; by distance, its edges in mm {EDGES[:-1] * 1e3}")
@@ -53,4 +65,4 @@ def main(runs: list[Path]) -> None:
 
 
 if __name__ == "__main__":
-    main([Path(name) for name in sys.argv[1:]])
+    cli.main(main)

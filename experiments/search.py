@@ -13,16 +13,17 @@ success over where the hole is, and of where the tip is while it touches the pla
 """
 
 import dataclasses
-import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import matplotlib.figure
 import numpy as np
+import tyro
 from matplotlib.axes import Axes
 
-from crsfd_jax import compile_cache, task, trained
+from crsfd_jax import cli, compile_cache, task, trained
 from crsfd_jax.learn.networks import mode_action
 from crsfd_jax.physics.interface import Surroundings
 from crsfd_jax.randomisation import Randomisation
@@ -95,8 +96,22 @@ def draw(axis: Axes, values: np.ndarray, half_mm: float, title: str, top: float 
     axis.set(title=title, xlabel="x, mm", ylabel="y, mm")
 
 
-def main(picture: Path, runs: list[Path]) -> None:
+@dataclass(frozen=True)
+class Search:
+    """Where trained policies find a moved hole, and where they look for it."""
+
+    picture: tyro.conf.Positional[Path]
+    """PNG to draw."""
+    run: tyro.conf.Positional[Path]
+    """Folder of a run with a shift."""
+    others: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """More of them."""
+
+
+def main(argv: list[str]) -> None:
     """Prints a line for each run and draws a row of two maps for it."""
+    options = cli.parse(Search, argv)
+    picture, runs = options.picture, (options.run, *options.others)
     compile_cache.enable()
     figure = matplotlib.figure.Figure(figsize=(8, 3.4 * len(runs)), layout="constrained")
     rows = figure.subplots(len(runs), 2, squeeze=False)
@@ -115,4 +130,4 @@ def main(picture: Path, runs: list[Path]) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]])
+    cli.main(main)

@@ -8,15 +8,19 @@ Commands:
     python experiments/simulated_arm.py RUN/export/npz 500
 """
 
-import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import control_loop
 import jax
 import numpy as np
+import tyro
 
-from crsfd_jax import config, task
+from crsfd_jax import cli, config, task
 from crsfd_jax.env import inserted
+from crsfd_jax.errors import UserError
+from crsfd_jax.limits import Interval
 from crsfd_jax.report.intervals import wilson_interval
 from crsfd_jax.scene import kinematics
 
@@ -64,8 +68,25 @@ class SimulatedArm:
         return bool(inserted(position[None], self.state.around)[0])
 
 
-def main(folder: Path, episodes: int) -> None:
-    """Plays episodes and prints the success rate."""
+@dataclass(frozen=True)
+class Trials:
+    """Plays an exported policy on a simulated arm."""
+
+    folder: tyro.conf.Positional[Path]
+    """Where `crsfd_jax.export` wrote policy.json."""
+    episodes: tyro.conf.Positional[Annotated[int, Interval(1, 1_000_000)]]
+
+
+def main(argv: list[str]) -> None:
+    """Plays episodes and prints the success rate.
+
+    Raises:
+      UserError: the folder holds no exported policy.
+    """
+    options = cli.parse(Trials, argv)
+    folder, episodes = options.folder, options.episodes
+    if not (folder / "policy.json").is_file():
+        raise UserError(f"{folder}: holds no policy.json, expected what crsfd_jax.export wrote")
     contract, layers = control_loop.load(folder)
     arm = SimulatedArm(contract)
     successes, wrong = 0, 0
@@ -82,4 +103,4 @@ def main(folder: Path, episodes: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    cli.main(main)

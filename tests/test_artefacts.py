@@ -180,6 +180,26 @@ def test_an_option_that_the_folder_does_not_know_yet_had_its_default(tmp_path):
     assert "colour are unknown to this version" in refusal(tmp_path / "run")
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("seeds", "two"),
+        ("seeds", 2.5),
+        ("smoke", 1),
+        ("shift", None),
+        ("shape", 2),
+        ("target", [1]),
+    ],
+)
+def test_a_value_of_another_kind_is_refused(tmp_path, name, value):
+    file = enter(tmp_path / "run").path / "config.json"
+    manifest = json.loads(file.read_text())
+    manifest["config"][name] = value
+    file.write_text(json.dumps(manifest))
+    with pytest.raises(UserError, match=f"{name} is .*, not a value of that option"):
+        artefacts.read_config(tmp_path / "run")
+
+
 def test_a_start_that_was_refused_leaves_the_choice_of_options(tmp_path):
     assert "MB free" in refusal(tmp_path / "run", Config(seeds=10_000), checkpoint_bytes=10**15)
     run = enter(tmp_path / "run", Config(seeds=3))

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crsfd_jax import cli
+from crsfd_jax import artefacts, cli, evaluate
 from crsfd_jax.config import ALGORITHMS, Config, Replay, Sac, run_name, to_dict
+from crsfd_jax.demos import __main__ as demos
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import Interval, check_limits
 from crsfd_jax.validation import validate
@@ -227,3 +228,28 @@ def check_arguments(argv):
         assert error.exit_code == 2 and len(str(error)) > 10
     except SystemExit as stop:
         assert stop.code in (None, 0) and {"-h", "--help"} & set(argv)
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "answer"),
+    [
+        (evaluate, "", "got too few values, missing: RUN Folder of the run."),
+        (demos, "record --shift 4mm", "--shift: got an unknown option, allowed: the options in"),
+        (demos, "record --nois 3", "did you mean --noise?"),
+    ],
+)
+def test_other_programs_answer_in_the_same_words(module, line, answer):
+    with pytest.raises(UserError) as refused:
+        module.run(line.split())
+    assert answer in str(refused.value) and "did you mean --shift" not in str(refused.value)
+
+
+def test_an_evaluation_overwrites_no_file_and_held_out_ranges_stay_held_out(tmp_path):
+    with artefacts.open_run(tmp_path / "run", Config(), "here", []):
+        pass
+    run, table = str(tmp_path / "run"), tmp_path / "table.csv"
+    table.touch()
+    with pytest.raises(UserError, match="--csv: got .* which exists"):
+        evaluate.task_of([run, "--csv", str(table)])
+    with pytest.raises(UserError, match="--held-out: got --randomisation as well"):
+        evaluate.task_of([run, "--held-out", "--randomisation.friction", "1", "2"])

@@ -168,6 +168,19 @@ def test_a_wrong_experiment_is_answered_with_one_line(tmp_path, text, answer):
     assert answer in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        ("early --gpus 1", "--gpus: got 1 with --runner local"),
+        ("early --status --dry-run", "--status: got --dry-run as well"),
+        ("absent.py", "--experiment: got 'absent.py', which does not exist"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(line, answer):
+    with pytest.raises(UserError, match=answer):
+        sweep.run(["--experiment", *line.split()])
+
+
 def test_an_unknown_experiment_ends_with_one_line_and_exit_code_2():
     command = [sys.executable, "-m", "crsfd_jax.sweep", "--experiment", "setting3"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60)

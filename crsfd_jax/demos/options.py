@@ -43,7 +43,7 @@ class Record:
 class FromRun:
     """Records demonstrations of a run's policy: a task that was learned teaches the next one."""
 
-    run: tyro.conf.Positional[str]
+    run: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="RUN")]
     """Folder of the run."""
     out: str = "demos.npz"
     """File to write; an existing one is not overwritten."""
