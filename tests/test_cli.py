@@ -249,7 +249,7 @@ def test_an_evaluation_overwrites_no_file_and_held_out_ranges_stay_held_out(tmp_
         pass
     run, table = str(tmp_path / "run"), tmp_path / "table.csv"
     table.touch()
-    with pytest.raises(UserError, match="--csv: got .* which exists"):
+    with pytest.raises(UserError, match=r"--csv: got .* which exists"):
         evaluate.task_of([run, "--csv", str(table)])
     with pytest.raises(UserError, match="--held-out: got --randomisation as well"):
         evaluate.task_of([run, "--held-out", "--randomisation.friction", "1", "2"])
