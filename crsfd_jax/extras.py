@@ -6,8 +6,8 @@ from crsfd_jax.errors import UserError
 
 
 def install_command(extra: str) -> str:
-    """What to type for an extra of this package."""
-    return f"pip install 'crsfd-jax[{extra}]'"
+    """What to type for an extra of this package, in the folder of its pyproject.toml."""
+    return f"pip install -e '.[{extra}]'"
 
 
 def require(what: str, extra: str, *modules: str) -> None:

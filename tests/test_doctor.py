@@ -78,7 +78,7 @@ def test_a_missing_package_comes_with_the_command_that_brings_it():
     )
     assert found["view"] == {
         "missing": ["no-such-package"],
-        "install": "pip install 'crsfd-jax[view]'",
+        "install": "pip install -e '.[view]'",
     }
     assert set(found) == {"view", "cuda"}
     assert all(name.startswith(("jax-cuda13", "nvidia")) for name in found["cuda"]["missing"])

@@ -92,7 +92,7 @@ TOGETHER = tuple(
     for i in range(2)
 )
 PAGES = ("python -m crsfd_jax.view runs/NAME", "python -m crsfd_jax.view runs/NAME --shape 0")
-INSTALLS = ("pip install 'crsfd-jax[gym]'", "pip install 'crsfd-jax[view]'")
+INSTALLS = ("pip install -e '.[gym]'", "pip install -e '.[view]'")
 TRAINED = "needs a policy that inserts; test_recording.py has one"
 NOT_RUN = {
     "make test": "is what runs this",
@@ -101,8 +101,7 @@ NOT_RUN = {
     "make bench": "measures for minutes",
     "python -m pytest tests/test_scene.py tests/test_kinematics.py tests/test_engines.py "
     "tests/test_env.py": "is a part of the suite",
-    "pip install 'crsfd-jax[cuda]'": "gigabytes, for NVIDIA GPUs",
-    "pip install 'crsfd-jax[cuda,warp]'": "gigabytes, for NVIDIA GPUs",
+    "pip install -e '.[cuda,warp]'": "gigabytes, for NVIDIA GPUs",
     "pip install -e '.[cuda]'": "gigabytes, for NVIDIA GPUs",
     f"{TRAIN} --shape 1 --and --shape 3 --shift 8mm": "two whole runs; test_sweep.py has a pair",
     f"{DEMOS} from-run runs/NAME --out next.npz": TRAINED,
@@ -245,5 +244,5 @@ def test_documented_extras_can_be_installed(command):
     _, *words = words_of(command)
     constraints = ["-c", str(ROOT / "constraints.txt")]
     line = [sys.executable, "-m", "pip", *words, "--dry-run", "--quiet", *constraints]
-    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -4,6 +4,7 @@ import importlib.util
 
 import jax
 
+from crsfd_jax import extras
 from crsfd_jax.errors import UserError
 from crsfd_jax.physics.interface import Engine
 from crsfd_jax.scene.build import Scene
@@ -20,7 +21,7 @@ def resolve(name: str) -> str:
     if name == "warp" and importlib.util.find_spec("warp") is None:
         raise UserError(
             "--engine: got 'warp', allowed here: auto, native, mjx; "
-            "install the extra with pip install 'crsfd-jax[warp]' first"
+            f"install the extra with {extras.install_command('warp')} first"
         )
     return name
 
