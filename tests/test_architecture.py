@@ -22,7 +22,7 @@ ORDER = tuple(
     learn algorithms free_space train_step chunk evaluation trained deploy
     demos.recordable demos.rollout demos.expert demos.record demos.commands
     report gym program standing outcome viewer clips bookkeeping trainer
-    view evaluate train sweep doctor export report.__main__ demos.__main__
+    view evaluate train sweep doctor export report.__main__ demos.__main__ __main__
     """.split()  # noqa: SIM905
 )
 """Bottom first: modules, or packages as a whole. A module may import what stands before it."""

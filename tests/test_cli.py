@@ -6,11 +6,13 @@ import os
 import subprocess
 import sys
 import typing
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from crsfd_jax import __main__ as overview
 from crsfd_jax import artefacts, cli, evaluate
 from crsfd_jax.config import ALGORITHMS, Config, Replay, Sac, run_name, to_dict
 from crsfd_jax.demos import __main__ as demos
@@ -253,3 +255,15 @@ def test_an_evaluation_overwrites_no_file_and_held_out_ranges_stay_held_out(tmp_
         evaluate.task_of([run, "--csv", str(table)])
     with pytest.raises(UserError, match="--held-out: got --randomisation as well"):
         evaluate.task_of([run, "--held-out", "--randomisation.friction", "1", "2"])
+
+
+def test_the_package_lists_every_program(capsys):
+    overview.run(["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    edges = Path(overview.__file__).parent.rglob("*.py")
+    programs = {p for p in edges if "    cli.main(" in p.read_text()} - {Path(overview.__file__)}
+    names = {p.stem if p.stem != "__main__" else p.parent.name for p in programs}
+    assert {line.split()[0] for line in lines[2:]} == names
+    assert all(len(line.split()) > 3 for line in lines[2:])
+    with pytest.raises(UserError, match=r"python -m crsfd_jax.train"):
+        overview.run(["train", "--shape", "2"])
