@@ -115,10 +115,11 @@ def table(contacts, solver):
 
 
 def test_what_was_met_is_said_and_nothing_where_nothing_was():
-    assert troubles.words(table([1, 0, 0, 2], [0, 0, 0, 40])) == (
-        "contacts filled their room in 3, the solver used up its iterations in 40 "
+    assert troubles.words(table([1, 0, 0, 2], [0, 0, 0, 201])) == (
+        "contacts filled their room in 3, the solver used up its iterations in 201 "
         "of 2,000 control steps"
     )
+    assert troubles.words(table([0] * 4, [0, 0, 0, 200])) == ""
     unknown = [np.nan] * 4
     assert troubles.words(table([1200, 0, 0, 0], unknown)) == (
         "contacts filled their room in 1,200 of 2,000 control steps"
