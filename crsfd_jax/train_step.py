@@ -16,6 +16,7 @@ from crsfd_jax.algorithms.method import Method, Preparation
 from crsfd_jax.config import Config
 from crsfd_jax.env import Env, EnvState, Outcome
 from crsfd_jax.learn import networks, replay, sac
+from crsfd_jax.learn.replay import Batch
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.types import Transition
 
@@ -117,10 +118,10 @@ def _learn(nets, method, config, state, step, key):
     # Of the numbers that can be folded in, split takes the first two.
     adapt_key = jax.random.fold_in(key, 2)
     prepared = method.adapt(state.prepared, state.replay, draw, adapt_key, config)
-    rewards = config.sac.reward_scale * method.relabel(prepared, state.replay, draw, config)
+    rewards = method.relabel(prepared, state.replay, draw, config)
     batches = replay.gather(state.replay, draw, rewards, config.sac.gamma)
-    batches = method.reward(prepared, batches, config)
-    nets = method.networks(prepared, nets)
+    batches = _scaled(method.reward(prepared, batches, config), config.sac.reward_scale)
+    nets = method.networks(prepared, nets, config)
 
     def update(agent, each):
         batch, key = each
@@ -133,6 +134,11 @@ def _learn(nets, method, config, state, step, key):
     metrics = {**metrics, "demo_share": jnp.mean(batches.is_demo, dtype=jnp.float32)}
     state = state.replace(agent=agent, prepared=prepared, replay=buffer)
     return state, jax.tree.map(jnp.mean, metrics)
+
+
+def _scaled(batch: Batch, scale: float) -> Batch:
+    one, several = (b.replace(reward=scale * b.reward) for b in (batch.one_step, batch.n_step))
+    return batch.replace(one_step=one, n_step=several)
 
 
 def _tally(outcome: Outcome) -> dict[str, jax.Array]:

@@ -62,7 +62,7 @@ def explicit_targets(potential, agent, batch, key):
 
 def test_critic_with_the_potential_inside_learns_as_one_of_shaped_rewards(agent, batch, potential):
     key, weights = jax.random.key(3), jnp.asarray([1.0, 0.5])
-    shaped = rsgm.networks(potential, NETS)
+    shaped = rsgm.networks(potential, NETS, CONFIG)
     backups = jax.tree.map(lambda *x: jnp.stack(x), batch.one_step, batch.n_step)
     targets = sac.bootstrap_targets(shaped, agent, backups, GAMMA, key)
     loss = jax.value_and_grad(sac.critic_loss, has_aux=True)
@@ -75,6 +75,12 @@ def test_critic_with_the_potential_inside_learns_as_one_of_shaped_rewards(agent,
         np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-5)
 
 
+def test_the_potential_grows_with_the_rewards(potential):
+    tenfold = dataclasses.replace(CONFIG, sac=dataclasses.replace(CONFIG.sac, reward_scale=10.0))
+    one, ten = (rsgm.networks(potential, NETS, c).critic.weight for c in (CONFIG, tenfold))
+    assert one == rsgm.WEIGHT and ten == pytest.approx(10 * rsgm.WEIGHT)
+
+
 def test_the_actor_maximises_what_is_learned_plus_the_potential(agent, batch, potential):
     key = jax.random.key(4)
 
@@ -84,7 +90,7 @@ def test_the_actor_maximises_what_is_learned_plus_the_potential(agent, batch, po
         q = q + share * phi(potential, batch.obs, action)
         return jnp.mean(batch.weight * (jnp.exp(agent.log_alpha) * log_prob - q))
 
-    shaped = rsgm.networks(potential, NETS)
+    shaped = rsgm.networks(potential, NETS, CONFIG)
     actual = jax.grad(sac.actor_loss, has_aux=True)(agent.actor, shaped, agent, batch, key)[0]
     expected, naive = (jax.grad(explicit)(agent.actor, share) for share in (1.0, 0.0))
     for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):

@@ -71,12 +71,19 @@ def test_the_reward_scale_multiplies_every_reward_that_is_learned_from():
     config, sacfd = probe_env.config(), algorithms.load("sacfd")
     doubled = dataclasses.replace(config, sac=dataclasses.replace(config.sac, reward_scale=2.0))
 
-    def twice(*arguments):
-        return 2 * sacfd.relabel(*arguments)
+    def shaped(factor):
+        def reward(prepared, batch, config):
+            one_step, n_step = (
+                backup.replace(reward=factor * (backup.reward + 0.25))
+                for backup in (batch.one_step, batch.n_step)
+            )
+            return batch.replace(one_step=one_step, n_step=n_step)
 
-    by_option, _ = step_with(sacfd, doubled)
-    by_hand, _ = step_with(sacfd._replace(relabel=twice), config)
-    plain, _ = step_with(sacfd, config)
+        return sacfd._replace(reward=reward)
+
+    by_option, _ = step_with(shaped(1.0), doubled)
+    by_hand, _ = step_with(shaped(2.0), config)
+    plain, _ = step_with(shaped(1.0), config)
     leaves = [jax.tree.leaves(states.agent.critic) for states in (by_option, by_hand, plain)]
     for a, b in zip(*leaves[:2], strict=True):
         np.testing.assert_array_equal(a, b)

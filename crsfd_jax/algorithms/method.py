@@ -54,7 +54,7 @@ def _as_drawn(prepared: Any, batch: Batch, config: Config) -> Batch:
     return batch
 
 
-def _common(prepared: Any, nets: Networks) -> Networks:
+def _common(prepared: Any, nets: Networks, config: Config) -> Networks:
     return nets
 
 
@@ -79,8 +79,9 @@ class Method(NamedTuple):
     relabel: Callable[[Any, ReplayState, Draw, Config], jax.Array] = _as_stored
     """(prepared, buffer, draw, config) -> rewards [U, B, n] of the rows drawn."""
     reward: Callable[[Any, Batch, Config], Batch] = _as_drawn
-    """(prepared, batch [U, B], config) -> the batch with the method's shaping."""
-    networks: Callable[[Any, Networks], Networks] = _common
-    """(prepared, networks) -> the networks that learn."""
+    """(prepared, batch [U, B], config) -> the batch with the method's shaping, not scaled yet."""
+    networks: Callable[[Any, Networks, Config], Networks] = _common
+    """(prepared, networks, config) -> the networks that learn; values are in units of rewards
+    times config.sac.reward_scale."""
     update: Callable[..., tuple[sac.AgentState, jax.Array, dict[str, jax.Array]]] = sac.update
     """(networks, agent, batch [B], key, config) -> agent, td_error [B], metrics."""

@@ -23,7 +23,7 @@ from crsfd_jax.learn import wgan
 from crsfd_jax.learn.networks import Critic, Networks, Params, apply
 
 WEIGHT = 0.3
-"""Largest potential; 0.1 learned as soon, 1 later, 3 not at all (docs/method.md)."""
+"""Largest potential, times the rewards' scale; 0.1 learned as soon, 1 later, 3 not at all."""
 SPREAD = 0.5
 """Standard deviation of the noise on half of the foils, in units of an observation."""
 
@@ -33,11 +33,13 @@ class ShapedCritic(NamedTuple):
 
     critic: Critic
     potential: wgan.Potential
+    weight: float
+    """Largest potential, in units of the values."""
 
     def apply(self, params: Params, obs: jax.Array, action: jax.Array) -> jax.Array:
-        """Q [N, ...] = Q' + Phi, which is at most `WEIGHT`."""
+        """Q [N, ...] = Q' + Phi."""
         phi = wgan.evaluate(self.potential, _pairs(obs, action))
-        return apply(self.critic, params, obs, action) + WEIGHT * phi
+        return apply(self.critic, params, obs, action) + self.weight * phi
 
 
 def prepare(key: jax.Array, preparation: Preparation, config: Config) -> wgan.Potential:
@@ -51,9 +53,9 @@ def prepare(key: jax.Array, preparation: Preparation, config: Config) -> wgan.Po
     return wgan.fit(fit_key, rows, foils, config.potential)
 
 
-def networks(potential: wgan.Potential, nets: Networks) -> Networks:
+def networks(potential: wgan.Potential, nets: Networks, config: Config) -> Networks:
     """The common networks with the potential in the critic."""
-    critic: Any = ShapedCritic(nets.critic, potential)
+    critic: Any = ShapedCritic(nets.critic, potential, WEIGHT * config.sac.reward_scale)
     return nets._replace(critic=critic)
 
 
