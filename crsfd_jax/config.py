@@ -81,7 +81,7 @@ class Sac:
     """Adam step size of actor, critics and temperature."""
     gamma: Discount = 0.98
     """Discount of the new task, gamma_k in the paper; the same for every method."""
-    reward_scale: Annotated[float, Interval(0, 1000, open="low")] = 1.0
+    reward_scale: Annotated[float, Interval(0, 1000, open="low")] = 16.0
     """Factor on all rewards that are learned from, potentials included."""
     tau: PositiveRate = 0.005
     """Polyak rate of the target critics."""
@@ -147,7 +147,7 @@ class Potential:
 class Evaluation:
     """Evaluation with the deterministic policy on fresh episodes."""
 
-    every: Count = 5_120
+    every: Count = 2_048
     """Environment steps of each seed between two evaluations."""
     episodes: Annotated[int, Interval(1, 1_000_000)] = 50
     """Episodes of each seed in an evaluation."""
@@ -172,7 +172,7 @@ class Config:
     """Number of seeds, trained side by side in one compiled program."""
     seed: Annotated[int, Interval(0, 2_000_000_000)] = 0
     """First seed; the others follow it."""
-    steps: Count = 60_000
+    steps: Count = 40_000
     """Environment steps of each seed."""
     target: Fraction = 0.0
     """Final success rate below which the run ends with exit code 1."""

@@ -1,4 +1,4 @@
-"""Sensitivity: one choice at a time on shape 2, its first 60,000 steps.
+"""Sensitivity: one choice at a time on shape 2, its first 40,000 steps.
 
 Hypothesis: the fewer or the worse demonstrations there are, the less SACfD gets from its batches,
 while the potential that CRSfD fits to them is felt in every one; so its lead grows. Its own

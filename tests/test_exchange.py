@@ -248,7 +248,7 @@ def test_existing_files_are_not_overwritten(exported, tmp_path):
 @pytest.mark.parametrize("source", ["demos.hdf5", "minari:crsfd/x-v0"])
 def test_a_missing_package_is_named_with_its_extra(source, monkeypatch, tmp_path):
     monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(UserError, match=r"h5py.*pip install 'crsfd-jax\[data\]'"):
+    with pytest.raises(UserError, match=r"h5py.*pip install -e '\.\[data\]'"):
         exchange.import_file(source, str(tmp_path / "out.npz"))
 
 

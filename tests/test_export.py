@@ -158,7 +158,7 @@ def test_what_cannot_be_exported_is_refused_in_one_line(arguments, told, run):
 
 def test_a_missing_package_is_named_with_its_extra(run, monkeypatch):
     monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(UserError, match=r"onnxruntime.*pip install 'crsfd-jax\[onnx\]'"):
+    with pytest.raises(UserError, match=r"onnxruntime.*pip install -e '\.\[onnx\]'"):
         export.run([str(run), "--format", "onnx"])
 
 

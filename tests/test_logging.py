@@ -59,9 +59,9 @@ def test_nothing_is_logged_by_default(folder):
 
 def test_a_missing_package_is_named_with_its_extra(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(UserError, match=r"--log tensorboard: .*pip install 'crsfd-jax\[tb\]'"):
+    with pytest.raises(UserError, match=r"--log tensorboard: .*pip install -e '\.\[tb\]'"):
         loggers.require("tensorboard")
-    with pytest.raises(UserError, match=r"--log wandb: .*pip install 'crsfd-jax\[wandb\]'"):
+    with pytest.raises(UserError, match=r"--log wandb: .*pip install -e '\.\[wandb\]'"):
         loggers.require("wandb")
     loggers.require("none")
 

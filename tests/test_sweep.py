@@ -91,7 +91,8 @@ def test_every_cell_of_an_experiment_is_a_run_of_its_own(path):
     assert len({cell.name for cell in found.cells}) == len(found.cells)
     for cell in found.cells:
         assert cell.name.startswith(f"{cell.config.algorithm}-shape")
-        budget = 60_000 if path.stem in ("early", "sensitivity") else 300_000
+        is_short = path.stem in ("early", "sensitivity", "reward_scale")
+        budget = Config().steps if is_short else 300_000
         assert cell.config.algorithm == "bc" or cell.config.steps == budget
 
 
@@ -130,6 +131,9 @@ def test_experiments_are_those_of_the_paper():
     }
     assert pairs("next_task", "algorithm", "shape", "shift", "demos") == {
         (method, "2", 0.008, "runs/demos/search.npz") for method in ("crsfd", "sacfd")
+    }
+    assert pairs("reward_scale", "algorithm", "shape", "shift") == {
+        (method, "2", 0.0) for method in ("crsfd", "sacfd")
     }
     errors = [cell.config.randomisation for cell in experiment("transfer").cells]
     assert errors.count(TRAINING) == 10 and len(errors) == 15
@@ -438,7 +442,7 @@ def test_slurm_jobs_run_cells(file, out):
 @pytest.mark.parametrize(("runner", "extra"), [("ray", "ray"), ("slurm", "submitit")])
 def test_a_missing_runner_is_named_with_its_extra(file, monkeypatch, runner, extra):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(UserError, match=f"needs {extra}.*pip install 'crsfd-jax"):
+    with pytest.raises(UserError, match=f"needs {extra}.*pip install -e"):
         swept(file, "--runner", runner)
 
 
