@@ -102,7 +102,7 @@ class Replay:
     """The prioritised buffer that keeps demonstrations and experience."""
 
     capacity: Count = 307_200
-    """Transitions kept besides the demonstrations, a multiple of --envs."""
+    """Most transitions kept besides the demonstrations, a multiple of --envs."""
     priority_exponent: Fraction = 0.6
     """Exponent a of the drawing probability p^a / sum p^a."""
     importance_exponent: Fraction = 0.4
@@ -122,7 +122,7 @@ class Potential:
     """The conservative value function of Algorithm 1."""
 
     gamma: Discount = 0.95
-    """Discount of the demonstrated task, gamma_0 in the paper; below --sac.gamma."""
+    """Discount of the demonstrated task, gamma_0 in the paper; at most --sac.gamma."""
     free_space_weight: Weight = 0.1
     """Weight lambda of the regression of free-space states to zero."""
     free_space_extent: Annotated[float, Interval(0, 1000, open="low")] = 3.0
@@ -165,9 +165,9 @@ class Config:
     """Peg and socket: 0, 1, 2, 3, 4, a text file with a grid of # and ., all, or several such as
     0,2: each episode then draws its own."""
     shift: Annotated[Length, Interval(0, 0.02)] = 0.0
-    """Side of the square in which the socket's unknown offset is drawn, such as 8mm."""
+    """Side of the square of the socket's unknown offsets: 8mm is up to 4 mm either way."""
     algorithm: Annotated[str, OneOf(ALGORITHMS)] = "crsfd"
-    """Learning method."""
+    """Learning method: a file of crsfd_jax/algorithms (docs/method.md)."""
     seeds: Annotated[int, Interval(1, 10_000)] = 5
     """Number of seeds, trained side by side in one compiled program."""
     seed: Annotated[int, Interval(0, 2_000_000_000)] = 0
@@ -185,7 +185,7 @@ class Config:
     demo_episodes: Annotated[int, Interval(0, 10_000)] = 0
     """Episodes used, the first of the file; all if 0."""
     out: str = ""
-    """Run folder; empty for a name made of the options, under runs/."""
+    """Run folder; under runs/ if empty, named by method, task and seeds."""
     log: Literal["none", "tensorboard", "wandb"] = "none"
     """Also give metrics.csv to TensorBoard or Weights & Biases, inside the run folder."""
     clips: bool = False

@@ -12,7 +12,10 @@ from crsfd_jax.option_types import Factors, Fraction, Length
 
 @dataclass(frozen=True)
 class Randomisation:
-    """What a real arm adds to its model; nothing by default."""
+    """What a real arm adds to its model; nothing by default.
+
+    Ranges are written low high, or low high low high for two of them.
+    """
 
     friction: Factors = (1.0, 1.0)
     """Factor on --scene.friction."""
