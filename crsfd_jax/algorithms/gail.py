@@ -1,4 +1,4 @@
-"""GAIL off-policy: SAC that is paid for looking like the demonstrations, and for nothing else.
+"""GAIL off-policy: SAC that is paid for looking like the demonstrations.
 
 The demonstrations only train the discriminator D(s, a). The reward is -log(1 - D), of the newest
 discriminator for every row drawn, times 1 - gamma, so that returns are weighted means of it, and
@@ -8,7 +8,8 @@ That reward is positive, so ending an episode by success would end the pay. As i
 leads to an absorbing state that pays for ever. Here it is not stored: being one point that
 demonstrations and experience share, its best logit is the log ratio of how often they reach it,
 and its value is added to the step that ends there. A policy that ends as often as the
-demonstrations is paid there as everywhere else; one that ends less often is paid more for it.
+demonstrations is paid there as everywhere else; one that ends less often is paid more for it. All
+ends of this task are successes: that pay tells the policy of them as the task's reward would.
 
 Source: Ho and Ermon 2016 (arXiv 1606.03476); Kostrikov et al. 2019 (arXiv 1809.02925, DAC).
 """
