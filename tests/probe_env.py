@@ -15,13 +15,15 @@ HORIZON = 8
 
 
 def config(**changes) -> Config:
-    """Networks and buffers small enough for a test of seconds."""
+    """Networks and buffers small enough for a test of seconds; rewards as they are."""
     values = {
         "algorithm": "sacfd",
         "seeds": 3,
         "envs": 4,
         "steps": 1024,
-        "sac": Sac(hidden=(16, 16), batch_size=8, updates_per_step=2, warmup_steps=16),
+        "sac": Sac(
+            hidden=(16, 16), batch_size=8, updates_per_step=2, warmup_steps=16, reward_scale=1.0
+        ),
         "replay": Replay(capacity=64),
         "evaluation": Evaluation(every=256, episodes=5),
     }

@@ -20,7 +20,8 @@ from crsfd_jax.learn.replay import Batch
 from crsfd_jax.types import Transition
 
 OBS, ACTION, GAMMA = 4, 2, 0.9
-CONFIG = config.Config(sac=config.Sac(hidden=(8, 8), gamma=GAMMA, initial_alpha=0.3))
+SAC = config.Sac(hidden=(8, 8), gamma=GAMMA, initial_alpha=0.3, reward_scale=1.0)
+CONFIG = config.Config(sac=SAC)
 NETS = networks.make_networks(CONFIG.sac, ACTION)
 QUICK = config.Config(potential=config.Potential(steps=1000, hidden=(32, 32)))
 

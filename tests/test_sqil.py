@@ -60,6 +60,7 @@ def test_an_end_is_worth_what_the_absorbing_state_pays_for_ever():
 def test_half_of_a_batch_is_demonstrated_and_values_stay_between_zero_and_one():
     sac = Sac(
         hidden=(16, 16),
+        reward_scale=1.0,
         batch_size=32,
         updates_per_step=8,
         warmup_steps=0,
