@@ -9,7 +9,6 @@ import tyro
 
 from crsfd_jax import artefacts, cli, files, validation
 from crsfd_jax.config import Config
-from crsfd_jax.errors import UserError
 from crsfd_jax.limits import Interval
 from crsfd_jax.option_types import Length, Shape
 from crsfd_jax.randomisation import HELD_OUT, Randomisation
@@ -55,10 +54,6 @@ def task_of(argv: list[str]) -> tuple[Evaluate, Config]:
     names = ("shape", "shift", "randomisation", "engine")
     task = dataclasses.replace(own, **{name: getattr(given, name) for name in names})
     validation.validate(task)
-    if given.held_out and given.randomisation != HELD_OUT:
-        raise UserError(
-            "--held-out: got --randomisation as well, allowed: one of them; leave the other out"
-        )
     if given.csv:
         files.reserve(given.csv, "--csv")
     return given, task

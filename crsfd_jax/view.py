@@ -62,8 +62,6 @@ def main(argv: list[str]) -> None:
     for option, given in (("--png", view.png), ("--scene", view.scene != config.Scene())):
         if view.run and given:
             raise UserError(f"{option}: got the run {view.run} as well, allowed: one of them")
-    if view.run:
-        artefacts.read_config(view.run)
     if not view.run:
         _draw(view, view.png or "scene.png")
     elif view.video:
@@ -72,6 +70,7 @@ def main(argv: list[str]) -> None:
 
         print(film.make(view.run, view.shape, view.shift, view.episodes, Path(view.video)))
     else:
+        artefacts.read_config(view.run)
         from crsfd_jax.viewer import serve
 
         serve.watch(view.run, view.shape, view.shift, view.host, view.port)

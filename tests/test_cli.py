@@ -246,15 +246,13 @@ def test_other_programs_answer_in_the_same_words(module, line, answer):
     assert answer in str(refused.value) and "did you mean --shift" not in str(refused.value)
 
 
-def test_an_evaluation_overwrites_no_file_and_held_out_ranges_stay_held_out(tmp_path):
+def test_an_evaluation_overwrites_no_file(tmp_path):
     with artefacts.open_run(tmp_path / "run", Config(), "here", []):
         pass
     run, table = str(tmp_path / "run"), tmp_path / "table.csv"
     table.touch()
     with pytest.raises(UserError, match=r"--csv: got .* which exists"):
         evaluate.task_of([run, "--csv", str(table)])
-    with pytest.raises(UserError, match="--held-out: got --randomisation as well"):
-        evaluate.task_of([run, "--held-out", "--randomisation.friction", "1", "2"])
 
 
 def test_the_package_lists_every_program(capsys):

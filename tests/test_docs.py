@@ -84,7 +84,7 @@ def entry(module: str):
 
 
 OURS = [command for command in COMMANDS if words_of(command)[:2] == ["python", "-m"]]
-OURS = [command for command in OURS if words_of(command)[2].startswith("crsfd_jax")]
+OURS = [command for command in OURS if words_of(command)[2].startswith("crsfd_jax.")]
 
 
 @pytest.mark.parametrize("command", OURS)

@@ -69,6 +69,8 @@ IN_ORDER = {
     "python -m crsfd_jax.doctor --engines native mjx": "--seconds 0.2",
     "python -m crsfd_jax.report runs": "",
     "python -m crsfd_jax.report experiments/results --out docs/results": "",
+    "python -m crsfd_jax.report experiments/results_scale1": "--out runs/scale1",
+    "python -m crsfd_jax": "",
     "make train": f"ARGS='{SMOKE} --out {{folder}}/runs/made'",
     'make train ARGS="--shape 2 --shift 8mm --steps 300000"': (
         f"ARGS='--shape 2 --shift 8mm --steps 300000 {SMOKE} --out {{folder}}/runs/made-8mm'"

@@ -304,8 +304,6 @@ def test_the_address_comes_with_the_way_to_it_over_ssh():
     ],
 )
 def test_a_line_that_cannot_be_used_is_refused(line, reason):
-    if line == ["absent"]:
-        pytest.importorskip("mjviser")
     with pytest.raises(UserError, match=reason) as error:
         view.main(line)
     assert "\n" not in str(error.value)
