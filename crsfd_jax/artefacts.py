@@ -100,9 +100,7 @@ def begun(path: str | Path) -> Config | None:
     Raises:
       UserError: its description is damaged.
     """
-    path = Path(path)
-    left = (path / _METRICS).exists() or any((path / _CHECKPOINTS).glob("*"))
-    return read_config(path) if left else None
+    return read_config(path) if _has_begun(Path(path)) else None
 
 
 def read_config(path: str | Path) -> Config:
@@ -111,10 +109,7 @@ def read_config(path: str | Path) -> Config:
     Raises:
       UserError: the folder holds no run.
     """
-    file = Path(path) / _CONFIG
-    if not file.is_file():
-        raise UserError(f"{path}: holds no {_CONFIG}, expected the folder of a run; check the name")
-    return from_dict(_read_manifest(file)["config"])
+    return from_dict(_read_manifest(path)["config"])
 
 
 def refuse_full_disk(run: RunFolder, checkpoint_bytes: int) -> None:
@@ -195,10 +190,14 @@ def versions() -> dict[str, str]:
     return found
 
 
+def _has_begun(path: Path) -> bool:
+    return (path / _METRICS).exists() or any((path / _CHECKPOINTS).glob("*"))
+
+
 def _record(path: Path, manifest: dict[str, Any]) -> None:
     """Describes the run in its folder; if it has begun, it must be the same."""
-    if begun(path):
-        old = _read_manifest(path / _CONFIG)
+    if _has_begun(path):
+        old = _read_manifest(path)
         _refuse_other_run(path, old["config"], _as_json(manifest["config"]))
         for name in ("versions", "device"):
             if old[name] != manifest[name]:
@@ -211,14 +210,18 @@ def _record(path: Path, manifest: dict[str, Any]) -> None:
     write_atomically(path / _CONFIG, lambda stream: stream.write(text.encode()))
 
 
-def _read_manifest(path: Path) -> dict[str, Any]:
+def _read_manifest(path: str | Path) -> dict[str, Any]:
+    """What describes the run in a folder."""
+    file = Path(path) / _CONFIG
+    if not file.is_file():
+        raise UserError(f"{path}: holds no {_CONFIG}, expected the folder of a run; check the name")
     try:
-        manifest = json.loads(path.read_bytes())
+        manifest = json.loads(file.read_bytes())
     except ValueError as error:
-        raise UserError(f"{path}: is damaged ({error}); choose another --out") from error
+        raise UserError(f"{file}: is damaged ({error}); choose another --out") from error
     parts = ("config", "versions", "device")
     if not isinstance(manifest, dict) or not all(manifest.get(part) for part in parts):
-        raise UserError(f"{path}: is not the description of a run; choose another --out")
+        raise UserError(f"{file}: is not the description of a run; choose another --out")
     return manifest
 
 

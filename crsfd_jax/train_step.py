@@ -112,11 +112,9 @@ def transition_of(before: EnvState, action: jax.Array, outcome: Outcome) -> Tran
 
 def _learn(nets, method, config, state, step, key):
     """All gradient updates of a vector step, and the new priorities."""
-    draw_key, update_key = jax.random.split(key)
+    draw_key, update_key, adapt_key = jax.random.split(key, 3)
     shape = (config.sac.updates_per_step, config.sac.batch_size)
     draw = method.draw(state.replay, step, draw_key, shape, config.replay)
-    # Of the numbers that can be folded in, split takes the first two.
-    adapt_key = jax.random.fold_in(key, 2)
     prepared = method.adapt(state.prepared, state.replay, draw, adapt_key, config)
     rewards = method.relabel(prepared, state.replay, draw, config)
     batches = replay.gather(state.replay, draw, rewards, config.sac.gamma)

@@ -13,7 +13,6 @@ success over where the hole is, and of where the tip is while it touches the pla
 """
 
 import dataclasses
-from dataclasses import dataclass
 from pathlib import Path
 
 import jax
@@ -96,7 +95,7 @@ def draw(axis: Axes, values: np.ndarray, half_mm: float, title: str, top: float 
     axis.set(title=title, xlabel="x, mm", ylabel="y, mm")
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Search:
     """Where trained policies find a moved hole, and where they look for it."""
 

@@ -16,7 +16,8 @@ from crsfd_jax.report.summary import LEVEL, compare, scores
 
 def sentences(cells: Sequence[Cell], claims: Sequence[Claim]) -> list[str]:
     """How good the method is, how it compares with the best other one, which claims hold."""
-    usual = [cell for cell in longest(cells) if not cell.variant] or longest(cells)
+    kept = longest(cells)
+    usual = [cell for cell in kept if not cell.variant] or kept
     ours = subject(usual)
     said = [_level(usual, ours), *_contest(cells, ours)]
     counts = Counter(claim.verdict for claim in claims)

@@ -90,6 +90,7 @@ def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
         return Panel(title, tuple(c._replace(variant="") if variant else c for c in here))
 
     panels = [panel(*where) for where in sorted({place(c) for c in cells if id(c) not in drawn})]
+    if not panels:
+        return []
     columns = min(_COLUMNS, len(panels))
-    figure = Figure("tasks", "All runs of each task", columns, tuple(panels), same_steps=False)
-    return [figure] if panels else []
+    return [Figure("tasks", "All runs of each task", columns, tuple(panels), same_steps=False)]

@@ -1,4 +1,7 @@
-"""Which runs of a method stand for it, and which of two methods are set beside each other."""
+"""Which runs of a method stand for it, and which of two methods are set beside each other.
+
+Cells come as they are gathered: of a method and variant on a task, the longest runs first.
+"""
 
 import itertools
 from collections.abc import Sequence
@@ -13,7 +16,7 @@ Book = dict[tuple[str, Task], list[Cell]]
 def index(cells: Sequence[Cell]) -> Book:
     """Cells with a method's usual options, by method and task, the longest runs first."""
     book: Book = {}
-    for cell in sorted(cells, key=lambda cell: -cell.planned_steps):
+    for cell in cells:
         if not cell.variant:
             book.setdefault((cell.method, cell.task), []).append(cell)
     return book
@@ -23,8 +26,7 @@ def longest(cells: Sequence[Cell]) -> list[Cell]:
     """Of the cells of a method and variant on a task the one with the longest runs."""
     kept: dict[tuple, Cell] = {}
     for cell in cells:
-        place = cell.method, cell.task, cell.variant
-        kept[place] = max(kept.get(place, cell), cell, key=lambda cell: cell.planned_steps)
+        kept.setdefault((cell.method, cell.task, cell.variant), cell)
     return list(kept.values())
 
 

@@ -49,9 +49,9 @@ def load(name: str) -> Experiment:
         no command line of a run.
     """
     path = Path(name) if name.endswith(".py") else EXPERIMENTS / f"{name}.py"
-    if not path.is_file() and name.endswith(".py"):
-        raise UserError(f"--experiment: got {name!r}, which does not exist; check the name")
     if not path.is_file():
+        if name.endswith(".py"):
+            raise UserError(f"--experiment: got {name!r}, which does not exist; check the name")
         known = ("FILE.py", *(entry.stem for entry in available()))
         raise UserError(choice_message("--experiment", name, known))
     try:
