@@ -17,7 +17,15 @@ from crsfd_jax.errors import DONE, MISSED, STOPPED, UserError
 from crsfd_jax.interrupt import Interrupt
 from crsfd_jax.limits import Interval
 from crsfd_jax.progress import say
-from crsfd_jax.sweeps import attempt, cells, local_pool, ray_tasks, slurm_array, state
+from crsfd_jax.sweeps import (
+    attempt,
+    cells,
+    demonstrations,
+    local_pool,
+    ray_tasks,
+    slurm_array,
+    state,
+)
 from crsfd_jax.sweeps.attempt import Group, Outcome, Plan
 from crsfd_jax.sweeps.cells import Cell
 from crsfd_jax.sweeps.slurm_array import Slurm
@@ -85,9 +93,14 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
     )
     say(f"{experiment.name}: {experiment.description}")
     say(f"{len(chosen)} of {len(experiment.cells)} cells, in {plan.out}")
+    unfinished = [cell for cell in chosen if not state.is_done(plan.out, cell)]
     if options.status or options.dry_run:
+        if options.dry_run:
+            for command in demonstrations.commands(experiment, unfinished).values():
+                say(shlex.join(command))
         _show(chosen, plan, options.together if options.dry_run else 0)
         return DONE
+    demonstrations.make(experiment, unfinished)
     return _work(chosen, plan, _runner(options, plan), options.together)
 
 
@@ -180,6 +193,9 @@ def _show(chosen: Sequence[Cell], plan: Plan, together: int) -> None:
         say(f"{cell.name:{width}s}  {at.word:7s}  {steps:17s}  {success:>7s}  {minutes:>8s}")
         if cell in groups:
             say(f"    {shlex.join(attempt.command_of(groups[cell], plan))}")
+            for each in groups[cell]:
+                if each.trials:
+                    say(f"    {shlex.join(attempt.trials_of(each, plan))}")
     counts = Counter(at.word for at in states)
     say(", ".join(f"{count} {word}" for word, count in counts.items()))
 

@@ -1,4 +1,4 @@
-"""Copies metrics, options and held-out trials of runs to experiments/results/, for the report.
+"""Copies metrics, options and trials of runs to experiments/results/, for the report.
 
 python experiments/collect.py runs/setting2 runs/setting1/CELL
 python -m crsfd_jax.report experiments/results --out docs/results
@@ -13,13 +13,11 @@ import tyro
 
 from crsfd_jax import cli
 from crsfd_jax.errors import UserError
+from crsfd_jax.sweeps.state import TRIALS
 
 RESULTS = Path(__file__).parent / "results"
 PRIVATE = ("out", "demos")
 """Options that may hold a path of the machine."""
-
-HELD_OUT = "held_out.csv"
-"""What experiments/transfer.py has `crsfd_jax.evaluate` write into a run folder."""
 
 
 def collect(run: Path) -> Path:
@@ -31,8 +29,8 @@ def collect(run: Path) -> Path:
     folder = RESULTS / run.resolve().parent.name
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(run / "metrics.csv", folder / f"{run.name}.csv")
-    if (run / HELD_OUT).exists():
-        shutil.copyfile(run / HELD_OUT, folder / f"{run.name}-{HELD_OUT}")
+    if (run / TRIALS).exists():
+        shutil.copyfile(run / TRIALS, folder / f"{run.name}-{TRIALS}")
     (folder / f"{run.name}.json").write_text(json.dumps(manifest, indent=1) + "\n")
     return folder / f"{run.name}.csv"
 

@@ -4,12 +4,14 @@ Hypothesis: demonstrations recorded with a moved hole hold the search for it, wh
 nominal place do not, so both methods learn sooner. Their positions are spread over the places of
 the hole already, so the potential is fitted to them as they are.
 
-The demonstrations are made before, from a run of setting 2, in half a minute:
-    python -m crsfd_jax.demos from-run runs/setting2/crsfd-shape0-shift8mm-seed0x5 \\
-        --out runs/demos/search.npz
+They are recorded from a run of setting 2, which must be there:
+    python -m crsfd_jax.sweep --experiment setting2 --only crsfd-shape0-shift8mm-seed0x5
 """
 
 from crsfd_jax.sweeps.grid import axis, grid, methods
 
+DEMOS = {
+    "runs/demos/search.npz": ("from-run", "runs/setting2/crsfd-shape0-shift8mm-seed0x5"),
+}
 TASK = (("--shape", "2", "--shift", "8mm"),)
-CELLS = grid(methods("crsfd", "sacfd"), TASK, axis("--demos", "runs/demos/search.npz"))
+CELLS = grid(methods("crsfd", "sacfd"), TASK, axis("--demos", *DEMOS))

@@ -7,19 +7,20 @@ clearance forgives, costs both methods alike.
 
 CRSfD and SACfD where the task, the discount or the demonstrations change, CRSfD alone for its own
 parameters. The unchanged run is in the experiment early; it stands for gamma_0 0.95, gamma_k 0.98,
-lambda 0.1, 40 demonstrations, 1.5 times the expert's spread and 1 mm of clearance. Demonstrations
-of other spread are made before, a minute each:
-    python -m crsfd_jax.demos record --noise 1 --out runs/demos/noise1.npz
-    python -m crsfd_jax.demos record --noise 3 --out runs/demos/noise3.npz
+lambda 0.1, 40 demonstrations, 1.5 times the expert's spread and 1 mm of clearance.
 """
 
 from crsfd_jax.sweeps.grid import axis, grid
 
+DEMOS = {
+    "runs/demos/noise3.npz": ("record", "--noise", "3"),
+    "runs/demos/noise1.npz": ("record", "--noise", "1"),
+}
 COMMON = (
     *axis("--demo-episodes", "1", "5", "10"),
     *axis("--scene.clearance", "0.3mm", "0.5mm", "2mm"),
     ("--randomisation.socket-yaw", "-0.05", "0.05"),
-    *axis("--demos", "runs/demos/noise3.npz", "runs/demos/noise1.npz"),
+    *axis("--demos", *DEMOS),
     *axis("--sac.gamma", "0.96", "0.97", "0.99"),
 )
 OWN = (

@@ -9,7 +9,8 @@ import pytest
 
 from crsfd_jax import config, trained
 from crsfd_jax.demos import __main__ as demos_command
-from crsfd_jax.demos import builtin, dataset, recordable, replay
+from crsfd_jax.demos import builtin, dataset, record, recordable, replay
+from crsfd_jax.demos.options import Record
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import networks
 from crsfd_jax.randomisation import Randomisation
@@ -109,3 +110,7 @@ def test_recording_is_refused_where_a_replay_could_not_follow():
         {"randomisation": Randomisation(socket_yaw=(-0.1, 0.1))},
     ):
         assert "recording needs" in recordable.refusal(dataclasses.replace(options, **changed))
+
+
+def test_the_expert_learns_from_the_dense_reward_as_it_is():
+    assert record.training_options(Record()).sac.reward_scale == 1.0

@@ -1,6 +1,7 @@
 """Cells run to their end in a process, tried again where that may help."""
 
 import contextlib
+import functools
 import os
 import shlex
 import subprocess
@@ -15,6 +16,7 @@ from crsfd_jax.sweeps import state
 from crsfd_jax.sweeps.cells import Cell
 
 TRAIN = (sys.executable, "-m", "crsfd_jax.train")
+EVALUATE = (sys.executable, "-m", "crsfd_jax.evaluate")
 _POLL_S = 0.2
 
 
@@ -58,7 +60,7 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
     logs: dict[Cell, BinaryIO] = {}
     with contextlib.ExitStack() as stack:
         for cell in group:
-            if _is_finished(cell, plan):
+            if state.is_done(plan.out, cell):
                 outcomes.append(Outcome(cell.name, "done"))
                 continue
             log = stack.enter_context(state.claimed(state.log_path(plan.out, cell)))
@@ -70,9 +72,9 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
                 log.close()
         code = None
         if len(logs) > 1 and not stopping():
-            code = _run(logs, plan, "together", stopping)
+            code = _run(command_of(logs, plan), logs, plan, "together", stopping)
         for cell, log in logs.items():
-            if code == STOPPED and not _is_finished(cell, plan):
+            if code == STOPPED and not state.is_done(plan.out, cell):
                 outcomes.append(Outcome(cell.name, "stopped"))
             else:
                 outcomes.append(_run_to_end(cell, log, plan, stopping))
@@ -81,16 +83,38 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
 
 
 def _run_to_end(cell: Cell, log: BinaryIO, plan: Plan, stopping: Stopping) -> Outcome:
+    """Trains a cell, then plays its trials; each is tried again if it fails."""
+
+    def is_trained() -> bool:
+        return state.is_finished(plan.out / cell.name, cell.config)
+
+    def has_trials() -> bool:
+        return state.has_trials(plan.out, cell)
+
+    persist = functools.partial(_persist, cell, log, plan, stopping)
+    outcome = persist(command_of((cell,), plan), is_trained)
+    return persist(trials_of(cell, plan), has_trials) if outcome.word == "done" else outcome
+
+
+def _persist(
+    cell: Cell,
+    log: BinaryIO,
+    plan: Plan,
+    stopping: Stopping,
+    command: list[str],
+    is_done: Callable[[], bool],
+) -> Outcome:
     path = state.log_path(plan.out, cell)
     for attempt in range(plan.retries + 1):
         # Another sweep may have finished it before this one had its lock.
-        if _is_finished(cell, plan):
+        if is_done():
             return Outcome(cell.name, "done")
         if stopping():
             return Outcome(cell.name, "stopped")
         start = path.stat().st_size
-        code = _run({cell: log}, plan, f"attempt {attempt + 1} of {plan.retries + 1}", stopping)
-        if code == DONE or _is_finished(cell, plan):
+        what = f"attempt {attempt + 1} of {plan.retries + 1}"
+        code = _run(command, {cell: log}, plan, what, stopping)
+        if code == DONE or is_done():
             return Outcome(cell.name, "done")
         if code == STOPPED or stopping():
             return Outcome(cell.name, "stopped")
@@ -101,10 +125,6 @@ def _run_to_end(cell: Cell, log: BinaryIO, plan: Plan, stopping: Stopping) -> Ou
             break
     _write(log, f"{state.GAVE_UP} with exit code {code}")
     return Outcome(cell.name, "failed", (*lines, f"exit code {code}"))
-
-
-def _is_finished(cell: Cell, plan: Plan) -> bool:
-    return state.is_finished(plan.out / cell.name, cell.config)
 
 
 def _is_held(cell: Cell, plan: Plan) -> bool:
@@ -119,9 +139,16 @@ def command_of(group: Iterable[Cell], plan: Plan) -> list[str]:
     return [*plan.command, *words[1:]]
 
 
-def _run(logs: dict[Cell, BinaryIO], plan: Plan, what: str, stopping: Stopping) -> int:
+def trials_of(cell: Cell, plan: Plan) -> list[str]:
+    """The command that plays the trials of a cell."""
+    folder = plan.out / cell.name
+    return [*EVALUATE, str(folder), *cell.trials, "--csv", str(folder / state.TRIALS)]
+
+
+def _run(
+    command: list[str], logs: dict[Cell, BinaryIO], plan: Plan, what: str, stopping: Stopping
+) -> int:
     """One process, from its start to its end; it writes to the first log and holds all."""
-    command = command_of(logs, plan)
     (first, log), *others = logs.items()
     _write(log, f"sweep: {what}: {shlex.join(command)}")
     for _, other in others:

@@ -3,6 +3,7 @@
 import re
 import runpy
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +30,8 @@ class Cell(NamedTuple):
     """What `python -m crsfd_jax.train` is called with, besides --out."""
     config: Config
     """What the arguments mean."""
+    trials: tuple[str, ...] = ()
+    """What `python -m crsfd_jax.evaluate` is called with once it is trained; empty for nothing."""
 
 
 class Experiment(NamedTuple):
@@ -37,12 +40,15 @@ class Experiment(NamedTuple):
     name: str
     description: str
     cells: tuple[Cell, ...]
+    demos: Mapping[str, tuple[str, ...]]
+    """Files of demonstrations, and what `python -m crsfd_jax.demos` is called with to make each."""
 
 
 def load(name: str) -> Experiment:
     """Reads an experiment by its name or by the path of its .py file, which is executed.
 
     A file holds `CELLS`, a tuple of tuples of arguments; its docstring's first line describes it.
+    It may hold `DEMOS` and `TRIALS` as well: see `Experiment.demos` and `Cell.trials`.
 
     Raises:
       UserError: there is none, it holds no cells, two cells are the same run, or a cell is
@@ -61,11 +67,13 @@ def load(name: str) -> Experiment:
         raise UserError(f"{path}: {type(error).__name__}: {error}; correct the file") from error
     if not found.get("CELLS"):
         raise UserError(f"{path}: defines no CELLS, expected a tuple of argument tuples; add it")
-    cells = tuple(_cell(path, number, given) for number, given in enumerate(found["CELLS"]))
+    trials = tuple(found.get("TRIALS", ()))
+    cells = tuple(_cell(path, number, given, trials) for number, given in enumerate(found["CELLS"]))
     twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
     if twice:
         raise UserError(f"{path}: cell {twice[0]} is there more than once; keep one of them")
-    return Experiment(path.stem, (found["__doc__"] or path.stem).strip().splitlines()[0], cells)
+    description = (found["__doc__"] or path.stem).strip().splitlines()[0]
+    return Experiment(path.stem, description, cells, found.get("DEMOS", {}))
 
 
 def available() -> list[Path]:
@@ -88,7 +96,7 @@ def cell_name(config: Config) -> str:
     return re.sub(r"[^\w.+-]+", "_", "".join([run_name(config), *extra]))
 
 
-def _cell(path: Path, number: int, given: Any) -> Cell:
+def _cell(path: Path, number: int, given: Any, trials: tuple[str, ...]) -> Cell:
     try:
         arguments = tuple(map(str, given))
         config = cli.parse(Config, arguments)
@@ -98,7 +106,7 @@ def _cell(path: Path, number: int, given: Any) -> Cell:
         raise UserError(f"{path}: cell {number}: --out: got {config.out!r}, allowed: none; drop it")
     # Named before it is shrunk: --smoke alone says so.
     shrunk = smoke_sized(config) if config.smoke else config
-    return Cell(cell_name(config), arguments, shrunk)
+    return Cell(cell_name(config), arguments, shrunk, trials)
 
 
 def _show(value: Any) -> str:

@@ -13,6 +13,8 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.sweeps.cells import Cell
 
 _POLICY = "policy.npz"
+TRIALS = "trials.csv"
+"""In the run folder of a cell that has trials."""
 GAVE_UP = "sweep: gave up"
 """Start of the last line in the log of a cell that failed."""
 
@@ -40,12 +42,22 @@ def read(out: Path, cell: Cell) -> State:
     state = _measured(folder)
     if is_held(log) or is_held(folder / artefacts.LOCK):
         return state._replace(word="running")
-    if is_finished(folder, cell.config):
+    if is_done(out, cell):
         return state._replace(word="done")
     last = tail(log, lines=1)
     if last and last[0].startswith(GAVE_UP):
         return state._replace(word="failed")
     return state._replace(word="stopped" if folder.exists() else "new")
+
+
+def is_done(out: Path, cell: Cell) -> bool:
+    """Whether a cell is trained and has had its trials."""
+    return is_finished(out / cell.name, cell.config) and has_trials(out, cell)
+
+
+def has_trials(out: Path, cell: Cell) -> bool:
+    """Whether the trials of a cell, if it has any, have been played."""
+    return not cell.trials or (out / cell.name / TRIALS).is_file()
 
 
 def is_finished(folder: Path, config: Config) -> bool:
