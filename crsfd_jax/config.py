@@ -27,7 +27,6 @@ from crsfd_jax.option_types import (
     Widths,
 )
 from crsfd_jax.randomisation import Randomisation
-from crsfd_jax.units import format_length
 
 SHAPES = tuple(shapes.GRIDS)
 ALGORITHMS = tuple(
@@ -185,7 +184,7 @@ class Config:
     demo_episodes: Annotated[int, Interval(0, 10_000)] = 0
     """Episodes used, the first of the file; all if 0."""
     out: str = ""
-    """Run folder; under runs/ if empty, named by method, task and seeds."""
+    """Run folder; under runs/ if empty, named by method, task, seeds and what is not usual."""
     log: Literal["none", "tensorboard", "wandb"] = "none"
     """Also give metrics.csv to TensorBoard or Weights & Biases, inside the run folder."""
     clips: bool = False
@@ -234,17 +233,3 @@ def _rebuild(kind: Any, values: Any) -> Any:
             raise UserError(f"config.json: {name} is {value!r}, not a value of that option")
         made[name] = tuple(value) if isinstance(value, list) else value
     return kind(**made)
-
-
-def run_name(config: Config) -> str:
-    """Name of the run folder, such as crsfd-shape2-shift8mm-seed0x5 for five seeds from seed 0."""
-    task = f"shape{shapes.label(config.shape)}-shift{format_length(config.shift)}"
-    if config.randomisation != Randomisation():
-        task += "-randomised"
-    name = f"{config.algorithm}-{task}-seed{config.seed}x{config.seeds}"
-    return f"{name}-smoke" if config.smoke else name
-
-
-def run_folder(config: Config) -> str:
-    """Where a run lies: --out, or a name of its own under runs/."""
-    return config.out or f"runs/{run_name(config)}"

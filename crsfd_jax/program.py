@@ -14,10 +14,11 @@ from jax.sharding import Mesh
 
 from crsfd_jax import algorithms, chunk, device, evaluation, shapes, spread, task, train_step
 from crsfd_jax.algorithms.method import Preparation
-from crsfd_jax.config import Config, Replay, run_folder
+from crsfd_jax.config import Config, Replay
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
+from crsfd_jax.run_name import run_folder
 from crsfd_jax.train_step import Learner, TrainState
 
 CHUNK_STEPS = 16

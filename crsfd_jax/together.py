@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from crsfd_jax import artefacts, shapes
-from crsfd_jax.config import Config, run_folder, to_dict
+from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
 from crsfd_jax.option_names import by_full_name
+from crsfd_jax.run_name import run_folder
 
 MARK = "--and"
 """Between the command lines of two runs."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from crsfd_jax import artefacts, bookkeeping, device, metrics, spread, standing
 from crsfd_jax.bookkeeping import Run
-from crsfd_jax.config import Config, from_dict, run_folder, to_dict
+from crsfd_jax.config import Config, from_dict, to_dict
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.interrupt import Interrupt
@@ -32,6 +32,7 @@ from crsfd_jax.program import (
     total_steps,
 )
 from crsfd_jax.progress import progress, say
+from crsfd_jax.run_name import run_folder
 from crsfd_jax.standing import Standing
 from crsfd_jax.train_step import TrainState
 

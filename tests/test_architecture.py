@@ -12,7 +12,7 @@ ORDER = tuple(
     """
     errors extras units types files option_names limits shapes option_types randomisation config
     smoke validation cli keywords interrupt compile_cache progress leaves npz metrics troubles
-    loggers policy artefacts together array_store checkpoints divergence
+    loggers policy artefacts run_name together array_store checkpoints divergence
     sweeps
     scene.digits scene.build scene.kinematics
     physics.interface physics.host_call physics.native physics.mjx physics.select

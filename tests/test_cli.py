@@ -14,16 +14,19 @@ from hypothesis import strategies as st
 
 from crsfd_jax import __main__ as overview
 from crsfd_jax import artefacts, cli, evaluate
-from crsfd_jax.config import ALGORITHMS, Config, Replay, Sac, run_name, to_dict
+from crsfd_jax.config import ALGORITHMS, Config, Replay, Sac, to_dict
 from crsfd_jax.demos import __main__ as demos
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import Interval, check_limits
+from crsfd_jax.run_name import run_name
+from crsfd_jax.smoke import smoke_sized
 from crsfd_jax.validation import validate
 
 PROGRAM = """
 import sys
 from crsfd_jax import cli
-from crsfd_jax.config import Config, run_name
+from crsfd_jax.config import Config
+from crsfd_jax.run_name import run_name
 
 def run(argv):
     print(run_name(cli.parse(Config, argv)))
@@ -198,6 +201,18 @@ def test_a_run_is_named_by_what_tells_it_apart():
     assert run_name(config) == "sacfd-shape2-shift8mm-seed3x2"
     assert run_name(dataclasses.replace(config, smoke=True)).endswith("-smoke")
     assert len({run_name(Config(algorithm=name)) for name in ALGORITHMS}) == len(ALGORITHMS)
+    assert run_name(Config(sac=Sac(gamma=0.96))) == "crsfd-shape2-shift0mm-seed0x5-sac.gamma0.96"
+
+
+def test_a_name_fits_a_file_system_however_much_is_unusual():
+    names = {run_name(Config(demos="x" * 300, sac=Sac(gamma=gamma))) for gamma in (0.96, 0.97)}
+    assert len(names) == 2 and max(map(len, names)) < 255
+
+
+def test_a_quick_check_is_named_alike_before_and_after_it_is_shrunk():
+    config = Config(smoke=True, steps=3000)
+    assert run_name(config) == run_name(smoke_sized(config))
+    assert run_name(config) == "crsfd-shape2-shift0mm-seed0x2-smoke"
 
 
 OPTIONS = st.sampled_from(

@@ -10,6 +10,7 @@ import pytest
 from crsfd_jax import artefacts, config, env, evaluate, observation, task
 from crsfd_jax.errors import UserError
 from crsfd_jax.randomisation import HELD_OUT, TRAINING, Randomisation
+from crsfd_jax.run_name import run_name
 from crsfd_jax.scene import digits, kinematics
 
 COUNT = 16
@@ -280,6 +281,6 @@ def test_an_unusable_option_of_an_evaluation_is_refused(run_folder, line, answer
 
 
 def test_randomised_runs_have_folders_of_their_own():
-    assert config.run_name(OPTIONS) == "crsfd-shape2-shift2mm-seed0x5"
+    assert run_name(OPTIONS) == "crsfd-shape2-shift2mm-seed0x5"
     randomised = dataclasses.replace(OPTIONS, randomisation=TRAINING)
-    assert config.run_name(randomised) == "crsfd-shape2-shift2mm-randomised-seed0x5"
+    assert run_name(randomised) == "crsfd-shape2-shift2mm-randomised-seed0x5"

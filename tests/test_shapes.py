@@ -12,6 +12,7 @@ from crsfd_jax import cli, config, env, shapes, task, validation
 from crsfd_jax.errors import UserError
 from crsfd_jax.physics import native
 from crsfd_jax.physics.interface import Surroundings
+from crsfd_jax.run_name import run_name
 from crsfd_jax.scene import build, digits, kinematics
 
 KEY = "##...\n#....\n##.##\n.#..#\n.####\n.#...\n.#...\n"
@@ -30,7 +31,7 @@ def test_a_file_becomes_its_grid_in_the_options(key):
     options = cli.parse(config.Config, ["--shape", str(key)])
     assert options.shape == INLINE
     assert shapes.grid(options.shape) == tuple(KEY.split())
-    assert config.run_name(options) == "crsfd-shapekey-shift0mm-seed0x5"
+    assert run_name(options) == "crsfd-shapekey-shift0mm-seed0x5"
     key.write_text("###\n")
     assert config.from_dict(config.to_dict(options)).shape == INLINE, "the file is read again"
 
@@ -56,8 +57,8 @@ def test_several_shapes_are_a_list_and_all_is_every_digit():
     assert shapes.read("0,2,4") == ("0", "2", "4")
     assert shapes.read("all") == config.SHAPES
     options = cli.parse(config.Config, ["--shape", "all"])
-    assert config.run_name(options) == "crsfd-shapeall-shift0mm-seed0x5"
-    assert config.run_name(dataclasses.replace(options, shape="0,2")).startswith("crsfd-shape0-2-")
+    assert run_name(options) == "crsfd-shapeall-shift0mm-seed0x5"
+    assert run_name(dataclasses.replace(options, shape="0,2")).startswith("crsfd-shape0-2-")
 
 
 BAD_GRIDS = {

@@ -16,6 +16,7 @@ from crsfd_jax.config import ALGORITHMS, Config, Evaluation
 from crsfd_jax.demos import builtin
 from crsfd_jax.errors import UserError
 from crsfd_jax.randomisation import TRAINING
+from crsfd_jax.run_name import run_name
 from crsfd_jax.sweeps import attempt, cells, slurm_array, state
 from crsfd_jax.sweeps.attempt import Plan
 
@@ -27,7 +28,7 @@ from crsfd_jax import cli, sweep
 cli.main(lambda argv: sweep.run(argv, command=%r))
 """ % (FAKE,)  # noqa: UP031
 SHAPES = ("1", "2", "3")
-NAMES = [f"crsfd-shape{shape}-shift0mm-seed0x5-smoke" for shape in SHAPES]
+NAMES = [f"crsfd-shape{shape}-shift0mm-seed0x2-smoke" for shape in SHAPES]
 STEPS = [1024, 2048, 3072, 4096]
 
 
@@ -146,11 +147,11 @@ def test_the_most_telling_cells_come_first():
 
 def test_a_name_says_every_option_but_how_far_a_run_goes():
     plain = Config(shape="3", shift=0.008)
-    assert cells.cell_name(plain) == "crsfd-shape3-shift8mm-seed0x5"
+    assert run_name(plain) == "crsfd-shape3-shift8mm-seed0x5"
     further = Config(shape="3", shift=0.008, steps=10**6, evaluation=Evaluation(every=64))
-    assert cells.cell_name(further) == cells.cell_name(plain)
+    assert run_name(further) == run_name(plain)
     other = Config(demo_episodes=5, demos="a/b.npz")
-    assert cells.cell_name(other) == "crsfd-shape2-shift0mm-seed0x5-demosa_b.npz-demo_episodes5"
+    assert run_name(other) == "crsfd-shape2-shift0mm-seed0x5-demosa_b.npz-demo_episodes5"
 
 
 @pytest.mark.parametrize(

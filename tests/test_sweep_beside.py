@@ -11,7 +11,7 @@ from crsfd_jax.sweeps import attempt, cells, demonstrations, state
 
 ROOT = Path(__file__).parents[1]
 FAKE_TRAIN = (sys.executable, str(Path(__file__).parent / "fake_train.py"))
-NAME = "crsfd-shape1-shift0mm-seed0x5-smoke"
+NAME = "crsfd-shape1-shift0mm-seed0x2-smoke"
 NOTE = "import sys; from pathlib import Path; out = Path(sys.argv[-1]); "
 """A program whose last argument is the file that it writes."""
 WRITE = NOTE + "out.write_text(' '.join(sys.argv[1:]))"

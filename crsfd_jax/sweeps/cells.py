@@ -7,18 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from crsfd_jax import artefacts, cli
-from crsfd_jax.config import Config, run_name, to_dict
+from crsfd_jax import cli
+from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import choice_message
-from crsfd_jax.option_names import by_full_name
-from crsfd_jax.randomisation import TRAINING
+from crsfd_jax.run_name import run_name
 from crsfd_jax.smoke import smoke_sized
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
-_NOT_IN_NAME = ("steps", "evaluation.every", "evaluation.episodes", *artefacts.MAY_CHANGE)
-"""How far a run goes and how closely it is looked at: it is the same run."""
-_IN_RUN_NAME = ("algorithm", "shape", "shift", "seed", "seeds", "smoke")
 
 
 class Cell(NamedTuple):
@@ -82,20 +78,6 @@ def available() -> list[Path]:
     return [path for path in files if re.search(r"^CELLS = ", path.read_text(), re.MULTILINE)]
 
 
-def cell_name(config: Config) -> str:
-    """The name of a run, with every option that differs from its default."""
-    options = by_full_name(to_dict(config))
-    if config.randomisation == TRAINING:
-        # run_name says that it is randomised, and these are the usual ranges.
-        options = {name: options[name] for name in options if not name.startswith("randomisation.")}
-    extra = [
-        f"-{option}{_show(value)}"
-        for option, value in options.items()
-        if option not in (*_NOT_IN_NAME, *_IN_RUN_NAME) and value != _DEFAULTS[option]
-    ]
-    return re.sub(r"[^\w.+-]+", "_", "".join([run_name(config), *extra]))
-
-
 def _cell(path: Path, number: int, given: Any, trials: tuple[str, ...]) -> Cell:
     try:
         arguments = tuple(map(str, given))
@@ -104,15 +86,6 @@ def _cell(path: Path, number: int, given: Any, trials: tuple[str, ...]) -> Cell:
         raise UserError(f"{path}: cell {number}: {error}") from error
     if config.out:
         raise UserError(f"{path}: cell {number}: --out: got {config.out!r}, allowed: none; drop it")
-    # Named before it is shrunk: --smoke alone says so.
-    shrunk = smoke_sized(config) if config.smoke else config
-    return Cell(cell_name(config), arguments, shrunk, trials)
-
-
-def _show(value: Any) -> str:
-    if isinstance(value, tuple):
-        return "x".join(map(_show, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-_DEFAULTS = by_full_name(to_dict(Config()))
+    if config.smoke:
+        config = smoke_sized(config)
+    return Cell(run_name(config), arguments, config, trials)
