@@ -81,7 +81,7 @@ class Sac:
     gamma: Discount = 0.98
     """Discount of the new task, gamma_k in the paper; the same for every method."""
     reward_scale: Annotated[float, Interval(0, 1000, open="low")] = 16.0
-    """Factor on all rewards that are learned from, potentials included."""
+    """Factor on all rewards that are learned from, potentials included; priorities are without."""
     tau: PositiveRate = 0.005
     """Polyak rate of the target critics."""
     batch_size: Annotated[int, Interval(1, 65_536)] = 128

@@ -36,6 +36,7 @@ from crsfd_jax.report.methods import ARMS, BASELINES, WITHOUT_INTERACTION, style
 from crsfd_jax.report.summary import compare, summarise
 from crsfd_jax.report.transfer import Transfer
 from crsfd_jax.report.transfer import find as find_transfers
+from crsfd_jax.report.words import in_words
 
 STEPS = tuple(range(100, 1100, 100))
 
@@ -162,7 +163,7 @@ def test_other_options_make_a_variant_and_not_the_same_cell(tmp_path):
     make_run(tmp_path / "a")
     make_run(tmp_path / "b", potential=Potential(gamma=0.9))
     plain, other = cells_of(tmp_path)
-    assert plain.variant == "" and other.variant == "potential.gamma 0.9"
+    assert plain.variant == "" and other.variant == "gamma_0 0.9"
     assert list(pairing.index([plain, other])) == [("crsfd", Task("2", 0.0))]
 
 
@@ -250,7 +251,7 @@ def test_leads_are_those_of_equal_steps_and_variant_largest_first(tmp_path, monk
     make_run(tmp_path / "alone", "crsfd", "4")
     found = leads.find(cells_of(tmp_path))
     assert [lead.label for lead in found] == [
-        "shape 2, no shift, demo_episodes 1, 0.5k steps",
+        "shape 2, no shift, 1 demonstration, 0.5k steps",
         "shape 2, no shift, 0.5k steps",
         "shape 2, no shift, 1k steps",
         "shape 3, no shift, 1k steps",
@@ -454,7 +455,7 @@ def test_a_variant_that_several_methods_have_is_a_panel_of_its_own(tmp_path):
     figure = layout.figures(cells_of(tmp_path))[-1]
     panels = {panel.title: [cell.variant for cell in panel.cells] for panel in figure.panels}
     plain, few = sorted(panels)
-    assert few == f"{plain}, demo_episodes 1" and panels[few] == ["", ""]
+    assert few == f"{plain}, 1 demonstration" and panels[few] == ["", ""]
     assert sorted(panels[plain]) == ["", "", "engine mjx"]
 
 
@@ -474,7 +475,7 @@ def test_of_one_drawn_quantity_the_variant_tells_the_range(tmp_path):
     make_run(tmp_path / "c", randomisation=Randomisation(socket_yaw=(-0.05, 0.05)))
     assert [c.variant for c in cells_of(tmp_path)] == [
         "",
-        "randomisation.socket_yaw -0.05 0.05",
+        "hole turned by -0.05 to 0.05 rad",
         "",
     ]
 
@@ -560,7 +561,7 @@ def test_the_page_needs_nothing_but_itself(tmp_path):
     text = " ".join(parsed.text)
     ages = [age for age in (9, 20, 100, 3000) if f", {age:,} steps" in text]
     assert ages == [9, 100, 3000]
-    assert "demos <b>mine</b>" in text and "a map" in text and "1.2.3" in text
+    assert "demonstrations <b>mine</b>" in text and "a map" in text and "1.2.3" in text
     assert Image.open(out / "tasks.png").width > 400
     again = page.write(page.collect([str(tmp_path / "r")]), tmp_path / "again", stub_map)
     assert again.read_text() == file.read_text()
@@ -611,3 +612,19 @@ def test_the_program_reports_and_refuses(tmp_path, monkeypatch, capsys):
 def test_html_is_escaped():
     assert html.table(("<a>",), [("&",)], 1).count("&lt;a&gt;") == 1
     assert "<i>" not in html.bullets(["<i>"]) + html.paragraph("<i>") + html.page("<i>", [])
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"scene.clearance": 3e-4}, "clearance 0.3 mm"),
+        ({"demo_episodes": 5, "demos": "noise3.npz"}, "5 demonstrations, demonstrations noise3"),
+        ({"sac.gamma": 0.96, "sac.reward_scale": 1.0}, "gamma_k 0.96, rewards times 1"),
+        ({"potential.terminal": "keep"}, "potential at success kept"),
+        ({"potential.spread": 0.0}, "demonstrations spread 0 mm"),
+        ({"sac.hidden": (64, 64)}, "sac.hidden 64 64"),
+        ({name: 1 for name in "abcd"}, "a 1, b 1, c 1, ..."),
+    ],
+)
+def test_options_are_called_by_what_they_mean(changed, words):
+    assert in_words(changed) == words

@@ -67,7 +67,7 @@ def step_with(method, config, steps=8):
     return chunk.make(learner, steps)(states, jnp.int32(0))
 
 
-def test_the_reward_scale_multiplies_every_reward_that_is_learned_from():
+def test_the_reward_scale_multiplies_every_reward_that_is_learned_from_and_no_priority():
     config, sacfd = probe_env.config(), algorithms.load("sacfd")
     doubled = dataclasses.replace(config, sac=dataclasses.replace(config.sac, reward_scale=2.0))
 
@@ -81,9 +81,14 @@ def test_the_reward_scale_multiplies_every_reward_that_is_learned_from():
 
         return sacfd._replace(reward=reward)
 
+    def update(*args):
+        agent, td_error, metrics = sacfd.update(*args)
+        return agent, td_error / 2, metrics
+
     by_option, _ = step_with(shaped(1.0), doubled)
-    by_hand, _ = step_with(shaped(2.0), config)
+    by_hand, _ = step_with(shaped(2.0)._replace(update=update), config)
     plain, _ = step_with(shaped(1.0), config)
+    np.testing.assert_array_equal(by_option.replay.priority, by_hand.replay.priority)
     leaves = [jax.tree.leaves(states.agent.critic) for states in (by_option, by_hand, plain)]
     for a, b in zip(*leaves[:2], strict=True):
         np.testing.assert_array_equal(a, b)

@@ -13,6 +13,7 @@ from crsfd_jax.report.curves import Curve
 from crsfd_jax.report.methods import WITHOUT_INTERACTION, method_of, rank
 from crsfd_jax.report.runs import Run
 from crsfd_jax.report.statistics import final
+from crsfd_jax.report.words import in_words
 
 # What a run is told apart by, or what says nothing about what is learned.
 _ASIDE = {"algorithm", "shape", "shift", "seed", "seeds", "steps", "replay.capacity"}
@@ -84,7 +85,7 @@ def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
     for (method, task, changed, steps), group in groups.items():
         kept, lines = _without_repeats(group)
         left_out += lines
-        cells.append(_cell(method, task, _in_words(dict(changed)), steps, kept))
+        cells.append(_cell(method, task, in_words(dict(changed)), steps, kept))
     cells.sort(key=lambda c: (c.task, rank(c.method), c.variant, -c.planned_steps))
     return cells, left_out
 
@@ -124,24 +125,6 @@ def _changed(options: dict[str, Any], usual: dict[str, Any]) -> dict[str, Any]:
 
 def _matters(name: str) -> bool:
     return name not in _ASIDE and not name.startswith("evaluation.")
-
-
-def _in_words(changed: dict[str, Any]) -> str:
-    """Options and their values; one word stands for several that are drawn, or made small."""
-    if "smoke" in changed:
-        return "smoke" if changed["smoke"] else "no smoke"
-    drawn = [name for name in changed if name.startswith("randomisation.")]
-    drawn = drawn if len(drawn) > 1 else []
-    usual = by_full_name(to_dict(Config()))
-    none = all(changed[name] == usual.get(name) for name in drawn)
-    words = ["no randomisation" if none else "randomised"] if drawn else []
-    words += [f"{name} {_value(changed[name])}" for name in changed if name not in drawn]
-    return ", ".join(words[:3]) + ", ..." * (len(words) > 3)
-
-
-def _value(value: Any) -> str:
-    """As a command line gives it."""
-    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def _without_repeats(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:

@@ -1,0 +1,61 @@
+"""What options are called in figures and tables, with their units."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from crsfd_jax.config import Config, to_dict
+from crsfd_jax.option_names import by_full_name
+
+_MOST = 3
+"""Options that are named; dots stand for more."""
+
+
+def in_words(changed: Mapping[str, Any]) -> str:
+    """Options and their values; one word stands for several that are drawn, or made small."""
+    if "smoke" in changed:
+        return "smoke" if changed["smoke"] else "no smoke"
+    drawn = [name for name in changed if name.startswith("randomisation.")]
+    drawn = drawn if len(drawn) > 1 else []
+    usual = by_full_name(to_dict(Config()))
+    none = all(changed[name] == usual.get(name) for name in drawn)
+    words = ["no randomisation" if none else "randomised"] if drawn else []
+    words += [_in_words(name, changed[name]) for name in changed if name not in drawn]
+    return ", ".join(words[:_MOST]) + ", ..." * (len(words) > _MOST)
+
+
+def _in_words(name: str, value: Any) -> str:
+    return _WORDS[name](value) if name in _WORDS else f"{name} {_plain(value)}"
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " ".join(map(_plain, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _millimetres(metres: float) -> str:
+    return f"{metres * 1e3:g} mm"
+
+
+def _demonstrations(count: int) -> str:
+    return f"{count or 'all'} demonstration{'s' * (count != 1)}"
+
+
+def _turned(radians: tuple[float, ...]) -> str:
+    return f"hole turned by {' to '.join(map(_plain, radians))} rad"
+
+
+_WORDS: dict[str, Callable[[Any], str]] = {
+    "demo_episodes": _demonstrations,
+    "demos": lambda file: f"demonstrations {file.removesuffix('.npz')}",
+    "scene.clearance": lambda metres: f"clearance {_millimetres(metres)}",
+    "randomisation.socket_yaw": _turned,
+    "sac.gamma": lambda gamma: f"gamma_k {gamma:g}",
+    "sac.reward_scale": lambda scale: f"rewards times {scale:g}",
+    "potential.gamma": lambda gamma: f"gamma_0 {gamma:g}",
+    "potential.free_space_weight": lambda weight: f"lambda {weight:g}",
+    "potential.terminal": lambda word: f"potential at success {word.replace('keep', 'kept')}",
+    "potential.spread": lambda metres: (
+        "usual spread" if metres is None else f"demonstrations spread {_millimetres(metres)}"
+    ),
+}
