@@ -23,10 +23,12 @@ from crsfd_jax.report import (
     html,
     layout,
     leads,
+    own_trials,
     page,
     pairing,
     runs,
     tables,
+    trial_sections,
     trials,
 )
 from crsfd_jax.report.cells import Task
@@ -415,6 +417,28 @@ def test_a_table_of_trials_among_results_belongs_to_the_config_its_name_begins_w
         Transfer("crsfd", True, "2", 45, 50),
         Transfer("sacfd", True, "2", 40, 50),
     ]
+
+
+def test_trials_on_the_task_of_training_are_told_by_shape_and_in_all(tmp_path):
+    for folder in ("joint", "transfer"):
+        run = make_run(tmp_path / folder / "a", shape="0,2", shift=8)
+        (run / "trials.csv").write_text("seed,shape,trials,successes\n0,0,9,7\n1,0,9,8\n0,2,2,1\n")
+    make_run(tmp_path / "joint" / "b")
+    (tmp_path / "joint" / "b" / "trials.csv").write_text("shape,trials,successes\n2,5,6\n")
+    found, skipped = own_trials.find([tmp_path])
+    task = Task("0-2", 8.0)
+    assert found == [
+        own_trials.Trials(task, "crsfd", "0", 15, 18),
+        own_trials.Trials(task, "crsfd", "2", 1, 2),
+    ]
+    assert len(skipped) == 1 and "6 successes in 5 trials" in skipped[0]
+    rows = tables.own_trials(found).rows
+    assert [(row[1], row[2], row[-1]) for row in rows] == [
+        ("shape 0-2, shift 8 mm", "0", "15 of 18"),
+        ("shape 0-2, shift 8 mm", "2", "1 of 2"),
+        ("shape 0-2, shift 8 mm", "all", "16 of 20"),
+    ]
+    assert "16 of 20" in trial_sections.own(found) and trial_sections.own([]) == ""
 
 
 def test_trials_are_drawn_where_they_are(tmp_path, monkeypatch):

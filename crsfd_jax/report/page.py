@@ -16,10 +16,11 @@ from crsfd_jax.report import (
     html,
     layout,
     leads,
+    own_trials,
     runs,
     tables,
     transfer,
-    trials,
+    trial_sections,
 )
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, RULE, Claim
@@ -60,6 +61,7 @@ class Report(NamedTuple):
     figures: list[Figure]
     claims: list[Claim]
     transfers: list[Transfer]
+    trials: list[own_trials.Trials]
     skipped: list[str]
 
 
@@ -71,13 +73,15 @@ def collect(roots: Sequence[str]) -> Report:
     """
     found = runs.find(roots)
     cells, repeated = grouping.gather(found.runs)
-    found_trials, unusable = transfer.find(roots)
+    held_out, unusable = transfer.find(roots)
+    own, unreadable = own_trials.find(roots)
     return Report(
         cells=cells,
         figures=layout.figures(cells),
-        claims=claims.judge(cells, found_trials),
-        transfers=found_trials,
-        skipped=[*found.skipped, *repeated, *unusable],
+        claims=claims.judge(cells, held_out),
+        transfers=held_out,
+        trials=own,
+        skipped=[*found.skipped, *repeated, *unusable, *unreadable],
     )
 
 
@@ -99,7 +103,8 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
             html.section("Success against environment steps", *pictures),
             _comparisons(report, folder),
             _claims(report.claims),
-            _transfers(report.transfers, folder),
+            trial_sections.held_out(report.transfers, folder),
+            trial_sections.own(report.trials),
             _potential(folder, value_map),
             _films(report.cells),
             _origin(report),
@@ -184,21 +189,6 @@ def _parts(claim: Claim) -> str:
     first = [line for line, part in zip(lines, parts, strict=True) if part.verdict == claim.verdict]
     shown = html.bullets(first[:_SHOWN]) if claim.verdict != HOLDS else ""
     return shown + html.folded(f"all {len(lines)} comparisons: {title}", html.bullets(lines))
-
-
-def _transfers(found: Sequence[Transfer], folder: Path) -> str:
-    if not found:
-        return ""
-    path = folder / "transfer.png"
-    trials.draw(found, claims.ROBOT, path)
-    text = "Success rate under a randomisation that training never saw, 95 % interval."
-    rates: dict[str, list[float]] = {}
-    for each in found:
-        rates.setdefault(each.label, []).append(each.successes / each.trials)
-    means = [f"{label}: {sum(r) / len(r):.3f} over {len(r)} shapes" for label, r in rates.items()]
-    shown = html.table(*tables.transfers(found, claims.ROBOT))
-    said = html.paragraph("; ".join(means) + ".")
-    return html.section("Held-out randomisation", said, html.media(path, text), shown)
 
 
 def _potential(folder: Path, value_map: Callable[[Path], str]) -> str:

@@ -1,5 +1,6 @@
 """The tables of the report, as rows of words."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,6 +9,7 @@ from crsfd_jax.report.cells import Cell, unusual_options
 from crsfd_jax.report.evidence import show
 from crsfd_jax.report.intervals import wilson_interval
 from crsfd_jax.report.methods import style
+from crsfd_jax.report.own_trials import Trials
 from crsfd_jax.report.pairing import rivals
 from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.report.summary import LEVEL, Comparison, compare, summarise
@@ -72,6 +74,20 @@ def transfers(found: Sequence[Transfer], paper: dict[str, float]) -> Table:
         )
     head = ("method", "shape", "success, 95 % interval", "trials", "paper, real arm, 25 trials")
     return Table(head, rows, 2)
+
+
+def own_trials(found: Sequence[Trials]) -> Table:
+    """Trials on each shape of the task of training, and on all of them where they are several."""
+    rows = []
+    for (task, method), group in itertools.groupby(found, lambda t: (t.task, t.method)):
+        each = [(t.shape, t.successes, t.trials) for t in group]
+        if len(each) > 1:
+            each.append(("all", sum(s for _, s, _ in each), sum(n for _, _, n in each)))
+        for shape, successes, trials in each:
+            rate = Estimate(successes / trials, *wilson_interval(successes, trials))
+            of = f"{successes} of {trials}"
+            rows.append((style(method).label, str(task), shape, show(rate), of))
+    return Table(("method", "trained on", "shape", "success, 95 % interval", "trials"), rows, 3)
 
 
 def machines(cells: Sequence[Cell]) -> Table:

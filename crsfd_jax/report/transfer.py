@@ -44,10 +44,12 @@ def find(roots: Sequence[str | Path]) -> tuple[list[Transfer], list[str]]:
     """
     largest: dict[tuple, Transfer] = {}
     skipped = []
-    for path in sorted({path for root in roots for path in _tables(Path(root))}):
+    for path in sorted({path for root in roots for path in tables(Path(root))}):
         try:
-            config = _config_of(path)
-            for each in _totals(path, _read(config) if config else None):
+            config = config_of(path)
+            method, randomised = _training(options_of(config)) if config else ("crsfd", True)
+            for shape, counts in totals(path).items():
+                each = Transfer(method, randomised, shape, *counts)
                 place = (config or path.parent, each.method, each.shape)
                 largest[place] = max(each, largest.get(place, each), key=lambda t: t.trials)
         except UserError as error:
@@ -64,49 +66,60 @@ def _place(transfer: Transfer) -> tuple:
     return (not transfer.randomised, rank(transfer.method), transfer.shape)
 
 
-def _tables(root: Path) -> Iterator[Path]:
+def tables(root: Path) -> Iterator[Path]:
+    """Tables in and below a folder that are, by their names, of held-out trials."""
     for path in root.rglob("*.csv"):
         inner = str(Path(root.resolve().name) / path.relative_to(root)).lower()
         if any(word in inner for word in _WORDS):
             yield path
 
 
-def _config_of(path: Path) -> Path | None:
+def config_of(path: Path) -> Path | None:
     """The file that describes the run of a table."""
     described = [file for file in path.parent.glob("*.json") if path.stem.startswith(file.stem)]
     described += [file for file in [path.parent / "config.json"] if file.exists()]
     return max(described, key=lambda file: len(file.stem), default=None)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def options_of(path: Path) -> dict[str, Any]:
+    """The options of a run by such a file.
+
+    Raises:
+      UserError: it is no description of a run.
+    """
     try:
-        config = json.loads(path.read_bytes())["config"]
-        return {"algorithm": str(config["algorithm"]), "drawn": dict(config["randomisation"])}
+        options = json.loads(path.read_bytes())["config"]
+        kinds = {"algorithm": str, "shape": str, "shift": float, "randomisation": dict}
+        return {name: kind(options[name]) for name, kind in kinds.items()}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{path}: is not the description of a run") from error
 
 
-def _totals(path: Path, run: dict[str, Any] | None) -> list[Transfer]:
-    """Trials of each shape in a file; none in a table of another kind.
+def totals(path: Path) -> dict[str, tuple[int, int]]:
+    """Successes and trials of each shape in a file; none in a table of another kind.
 
     Raises:
       UserError: it is damaged.
     """
-    totals: dict[str, list[int]] = {}
+    counted: dict[str, tuple[int, int]] = {}
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             lines = csv.DictReader(stream)
             if not set(COLUMNS) <= set(lines.fieldnames or ()):
-                return []
+                return {}
             for line in lines:
-                counts = totals.setdefault(line["shape"], [0, 0])
-                counts[0] += int(line["successes"])
-                counts[1] += int(line["trials"])
+                successes, trials = counted.get(line["shape"], (0, 0))
+                successes, trials = successes + int(line["successes"]), trials + int(line["trials"])
+                counted[line["shape"]] = successes, trials
     except (OSError, TypeError, ValueError, csv.Error) as error:
         raise UserError(f"{path}: not a table of trials: {error}") from error
-    for shape, (successes, trials) in totals.items():
+    for shape, (successes, trials) in counted.items():
         if not 0 <= successes <= trials:
             raise UserError(f"{path}: shape {shape} has {successes} successes in {trials} trials")
+    return {shape: counts for shape, counts in counted.items() if counts[1]}
+
+
+def _training(options: dict[str, Any]) -> tuple[str, bool]:
+    """The method of a run, and whether it was randomised."""
     plain = json.loads(json.dumps(to_dict(Config())["randomisation"]))
-    method, randomised = (run["algorithm"], run["drawn"] != plain) if run else ("crsfd", True)
-    return [Transfer(method, randomised, shape, *n) for shape, n in totals.items() if n[1]]
+    return options["algorithm"], options["randomisation"] != plain
