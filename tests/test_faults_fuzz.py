@@ -38,9 +38,9 @@ def test_300_arrays_with_changed_bytes_load_or_are_refused(folder, name, patch, 
     assert set(written) == {folder / "demos.npz"}
 
 
-def open_and_close(config, _) -> int:
+def open_and_close(configs, _) -> int:
     """All that a run does on disk before it computes, if that is where the test may write."""
-    config = program.fitted(config)
+    (config,) = map(program.fitted, configs)
     ASKED.append(Path(os.path.realpath(config.out)))
     if ASKED[-1].is_relative_to(Path.cwd()):
         with artefacts.open_run(config.out, config, "cpu", []) as run:
