@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from crsfd_jax import sweep
+from crsfd_jax import metrics, sweep
 from crsfd_jax.errors import UserError
 from crsfd_jax.sweeps import attempt, cells, demonstrations, state
 
@@ -61,6 +61,15 @@ def test_a_cell_without_its_trials_is_not_done(file, capsys):
     assert "1 stopped" in capsys.readouterr().out
     assert swept(file, "--only", NAME) == 0
     assert (Path("runs/beside") / NAME / state.TRIALS).exists()
+
+
+def test_a_run_that_goes_on_has_its_trials_again(file):
+    swept(file, "--only", NAME)
+    run = Path("runs/beside") / NAME
+    (run / state.TRIALS).write_text("old")
+    metrics.truncate(run / "metrics.csv", 1024)
+    assert swept(file, "--only", NAME) == 0
+    assert "--held-out" in (run / state.TRIALS).read_text()
 
 
 def test_trials_that_fail_are_tried_again_and_then_listed(file, monkeypatch, capsys):

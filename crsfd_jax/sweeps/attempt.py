@@ -66,6 +66,9 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
             log = stack.enter_context(state.claimed(state.log_path(plan.out, cell)))
             if log is not None and not _is_held(cell, plan):
                 logs[cell] = log
+                if not state.is_finished(plan.out / cell.name, cell.config):
+                    # Trials of a run that now goes on are not those of its policy.
+                    (plan.out / cell.name / state.TRIALS).unlink(missing_ok=True)
                 continue
             outcomes.append(Outcome(cell.name, "busy"))
             if log is not None:
