@@ -150,6 +150,8 @@ def _refuse_foreign(path: Path) -> None:
             f"{path}: holds other files ({min(found)}), expected a new folder or a run; "
             "choose another --out"
         )
+    if _CONFIG in found:
+        _read_manifest(path)
 
 
 @contextlib.contextmanager
@@ -218,10 +220,12 @@ def _read_manifest(path: str | Path) -> dict[str, Any]:
     try:
         manifest = json.loads(file.read_bytes())
     except ValueError as error:
-        raise UserError(f"{file}: is damaged ({error}); choose another --out") from error
+        raise UserError(
+            f"{file}: is damaged ({error}); copy it back or use another folder"
+        ) from error
     parts = ("config", "versions", "device")
     if not isinstance(manifest, dict) or not all(manifest.get(part) for part in parts):
-        raise UserError(f"{file}: is not the description of a run; choose another --out")
+        raise UserError(f"{file}: is not the description of a run; use another folder")
     return manifest
 
 

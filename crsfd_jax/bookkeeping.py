@@ -84,6 +84,9 @@ def restored(
             for folder, part in zip(folders, parts, strict=True)
         ]
         if len({each and each.step for each in found}) == 1:
+            for folder, each in zip(folders, found, strict=True):
+                if each is None:
+                    _refuse_emptied(folder)
             return found
 
 
@@ -94,7 +97,7 @@ def add_up(run: Run, step: int, values: dict[str, jax.Array]) -> None:
 
 
 def evaluated(run: Run, states: TrainState, agent: AgentState, played: Episodes) -> None:
-    """Looks for seeds that diverged, and writes a row for each seed.
+    """Looks for seeds that diverged, and writes the policies and a row for each seed.
 
     A run without a seed left has come to its end, whatever those beside it do.
 
@@ -112,19 +115,17 @@ def evaluated(run: Run, states: TrainState, agent: AgentState, played: Episodes)
             divergence.keep(run.folder.path, part, index, seed, run.env_steps, place)
             at.diverged[str(seed)] = run.env_steps
     lengths = np.asarray(played.length).mean(axis=1).tolist()
+    policy.save(run.folder.path, own(run, agent.actor))
     metrics.append(run.folder.metrics, standing.rows(run.config, at, lengths))
     at.sums, at.chunks = {}, 0
 
 
 def save(run: Run, whole: TrainState) -> None:
-    """Writes a checkpoint."""
+    """Writes a checkpoint, unless that of this step is there."""
+    if run.at.step in artefacts.saved_steps(run.folder.checkpoints):
+        return
     extra = dataclasses.asdict(run.at)
     checkpoints.save(run.folder.checkpoints, run.at.step, own(run, whole), extra)
-
-
-def save_policies(run: Run, actors: Params) -> None:
-    """Writes the parameters of the policies."""
-    policy.save(run.folder.path, own(run, actors))
 
 
 def watcher(run: Run, stack: contextlib.ExitStack) -> Callable[[Params], None]:
@@ -153,6 +154,15 @@ def conclude(run: Run) -> int:
     came_to = outcome.judge(config, at.success, at.diverged, at.wall_s)
     say(came_to.line)
     return came_to.code
+
+
+def _refuse_emptied(folder: artefacts.RunFolder) -> None:
+    """A checkpoint is there before the second evaluation, so without one it was removed."""
+    if folder.metrics.exists() and len(np.unique(metrics.read(folder.metrics)["env_steps"])) > 1:
+        raise UserError(
+            f"{folder.checkpoints}: holds no checkpoint, expected one of a run with the results in "
+            f"{folder.metrics.name}; copy it back or choose another --out"
+        )
 
 
 def _part(like: TrainState, seeds: slice | None) -> TrainState:

@@ -209,11 +209,14 @@ def to_dict(config: Config) -> dict:
 def from_dict(values: Mapping[str, Any]) -> Config:
     """The inverse of `to_dict`; lists from JSON become tuples.
 
-    An option that is missing, because it is younger than the file, has its default.
+    An option that is missing, because it is younger than the file, has its default, or what it was
+    before it could be chosen.
 
     Raises:
       UserError: an option is unknown, or its value is of another kind.
     """
+    if isinstance(sac := values.get("sac"), Mapping):
+        values = {**values, "sac": {"reward_scale": 1.0, **sac}}
     return _rebuild(Config, values)
 
 

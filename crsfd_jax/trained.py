@@ -41,6 +41,8 @@ def load(run: str | Path) -> Trained:
       UserError: the folder holds no run, or its policies are missing or damaged.
     """
     config = artefacts.read_config(run)
+    if not (Path(run) / policy.FILE).exists():
+        raise UserError(f"{run}: has no policy yet, expected {policy.FILE}; let it train on")
     nets = make_networks(config.sac, ACTION_SIZE)
 
     def start(key):

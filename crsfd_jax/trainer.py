@@ -16,13 +16,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import artefacts, bookkeeping, device, metrics, spread, standing
+from crsfd_jax import algorithms, artefacts, bookkeeping, device, metrics, spread, standing
 from crsfd_jax.bookkeeping import Run
 from crsfd_jax.config import Config, from_dict, to_dict
-from crsfd_jax.demos.dataset import Demonstrations
+from crsfd_jax.demos.dataset import Demonstrations, check_units
 from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.interrupt import Interrupt
 from crsfd_jax.leaves import stored_bytes
+from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.program import (
     CHUNK_STEPS,
     Program,
@@ -47,9 +48,12 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
       configs: of a run, or of several that `together.require_alike` lets share a program.
 
     Raises:
-      UserError: a run cannot start or go on: run folder, disk, memory or engine.
+      UserError: a run cannot start or go on: demonstrations, options, folder, disk, memory, engine.
     """
-    configs = _fitted(configs)
+    for config in configs:
+        check_units(demos, config.mdp.action_scale, CONTROL_DT)
+        algorithms.refuse_replaced(config)
+    asked, configs = configs, _fitted(configs)
     words = device.describe(configs[0])
     with _places(configs) as paths, contextlib.ExitStack() as stack:
         folders = [
@@ -72,8 +76,10 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
             shift = f"{config.shift * 1e3:g} mm"
             say(f"task      shape {config.shape}, shift {shift}, {config.algorithm}")
             say(f"folder    {folder.path}")
-        capacity = configs[0].replay.capacity
-        say(f"buffer    {capacity} transitions a seed, {size / 1e6:.0f} MB in all")
+        say(f"buffer    {_buffer(configs[0], asked[0])}, {size / 1e6:.0f} MB in all")
+        period = evaluation_period(configs[0]) * configs[0].envs
+        steps = total_steps(configs[0]) * configs[0].envs
+        say(f"steps     {steps} a seed, evaluated every {period}")
         return run(configs, program, folders, interrupt)
 
 
@@ -113,9 +119,6 @@ def run(
                 save_s = _save(runs, states)
                 saved_at = time.monotonic()
         _share_time(runs, clock)
-        actors = spread.collect(states.agent.actor)
-        for each in runs:
-            bookkeeping.save_policies(each, actors)
         _save(runs, states)
     if not _are_over(runs):
         say(f"stopped at {first.env_steps} steps, saved; go on with the same command:")
@@ -133,6 +136,13 @@ def _fitted(configs: Sequence[Config]) -> list[Config]:
     """With the sizes that follow from what the first process has in the run folders."""
     own = [to_dict(fitted(config, artefacts.begun(run_folder(config)))) for config in configs]
     return [from_dict(each) for each in json.loads(spread.text_from_first(json.dumps(own)))]
+
+
+def _buffer(config: Config, asked: Config) -> str:
+    """The buffer of a run in words; a run that was begun shorter keeps the size that it had."""
+    own, fresh = config.replay.capacity, fitted(asked).replay.capacity
+    kept = "" if own >= fresh else f" (as the run began; a new one of these steps has {fresh})"
+    return f"{own} transitions a seed{kept}"
 
 
 def _are_over(runs: Sequence[Run]) -> bool:

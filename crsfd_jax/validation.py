@@ -29,7 +29,8 @@ def validate(config: Config) -> None:
             f"--sac.warmup-steps: got {config.sac.warmup_steps}, allowed: below --steps "
             f"({config.steps}); lower it or raise --steps"
         )
-    if config.algorithm.startswith("crsfd") and config.potential.gamma > config.sac.gamma:
+    has_own = config.algorithm.startswith("crsfd") and config.algorithm != "crsfd_same_gamma"
+    if has_own and config.potential.gamma > config.sac.gamma:
         raise UserError(
             f"--potential.gamma: got {config.potential.gamma:g}, allowed: at most --sac.gamma "
             f"({config.sac.gamma:g}); lower it or raise --sac.gamma"

@@ -45,16 +45,16 @@ def insert(robot, contract, layers):
     scale = np.concatenate([[part["scale"]] * part["size"] for part in sees["parts"]])
     low, high, step = (np.array(does[k]) for k in ("setpoint_low", "setpoint_high", "scale"))
     setpoint = None
-    for _ in range(task["horizon"] + 1):
+    for left in range(task["horizon"], -1, -1):
         q, dq, pose, twist = robot.read()
         tip = np.concatenate([pose[:3, 3] - origin, rotation_vector(pose[:3, :3])])
-        if not (np.abs(tip - np.clip(tip, low, high)) < [0.01] * 3 + [0.1] * 3).all():
-            raise RuntimeError(f"the tip has left the workspace: {tip}")
-        if tip[2] < -task["success_depth"]:
-            return True
+        state = np.concatenate([q - sees["joint_rest"], dq, tip, twist])
+        outside = np.abs(tip - np.clip(tip, low, high)) > [0.01] * 3 + [0.1] * 3
+        if outside.any() or not np.isfinite(state).all():
+            raise RuntimeError(f"the tip has left the workspace, or is not known: {state}")
+        if not left or tip[2] < -task["success_depth"]:
+            return bool(tip[2] < -task["success_depth"])
         error = np.zeros(3) if setpoint is None else setpoint[:3] - tip[:3]
-        obs = np.concatenate([q - sees["joint_rest"], dq, tip, twist, error]) / scale
-        action = act(layers, np.clip(obs, -sees["clip"], sees["clip"]))
-        setpoint = np.clip(tip + np.clip(action, -1, 1) * step, low, high)
+        obs = np.clip(np.concatenate([state, error]) / scale, -sees["clip"], sees["clip"])
+        setpoint = np.clip(tip + np.clip(act(layers, obs), -1, 1) * step, low, high)
         robot.hold(pose_matrix(setpoint[:3] + origin, setpoint[3:]))
-    return False

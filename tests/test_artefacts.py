@@ -98,6 +98,14 @@ def test_a_folder_with_other_content_is_refused_and_left_alone(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
 
 
+def test_the_config_of_another_program_is_left_alone(tmp_path):
+    (tmp_path / "config.json").write_text('{"model": "mine"}')
+    (tmp_path / ".x.tmp").write_text("mine")
+    before = snapshot(tmp_path)
+    assert "is not the description of a run" in refusal(tmp_path)
+    assert snapshot(tmp_path) == before
+
+
 def test_a_file_in_the_way_is_refused(tmp_path):
     (tmp_path / "run").write_text("mine")
     assert "is a file" in refusal(tmp_path / "run")
@@ -164,6 +172,15 @@ def test_the_engine_and_the_target_may_change_when_a_run_goes_on(tmp_path, caplo
         caplog.text
     )
     assert artefacts.read_config(tmp_path / "run") == changed
+
+
+def test_rewards_were_as_they_are_before_their_scale_could_be_chosen(tmp_path):
+    enter(tmp_path / "run")
+    file = tmp_path / "run" / "config.json"
+    manifest = json.loads(file.read_text())
+    del manifest["config"]["sac"]["reward_scale"]
+    file.write_text(json.dumps(manifest))
+    assert artefacts.read_config(tmp_path / "run").sac.reward_scale == 1.0
 
 
 def test_an_option_that_the_folder_does_not_know_yet_had_its_default(tmp_path):

@@ -109,6 +109,21 @@ def test_a_tip_outside_the_workspace_stops_the_loop(loop, run, arm):
             loop.insert(Lost(arm, []), *loop.load(run / "4"))
 
 
+@pytest.mark.parametrize("which", range(3))
+def test_a_reading_that_is_not_finite_stops_the_loop(loop, run, arm, which):
+    arm.restart(0)
+
+    class Broken(Recorder):
+        def read(self):
+            q, dq, pose, twist = (np.array(part) for part in self.arm.read())
+            (q, dq, twist)[which][2] = np.nan
+            return q, dq, pose, twist
+
+    with pytest.raises(RuntimeError, match="is not known"):
+        loop.insert(Broken(arm, held := []), *loop.load(run / "4"))
+    assert held == []
+
+
 def test_rotation_vectors_and_pose_matrices_are_inverse(loop):
     for vector in ([0.1, -0.2, 0.05], [0, 0, 0], [0, 0, 1e-7], [0.5, 1.0, -2.0]):
         pose = loop.pose_matrix(np.arange(3.0), np.array(vector))

@@ -82,5 +82,5 @@ def test_what_the_arm_does_after_an_episode_does_not_count(shipped, played):
 def test_another_action_scale_is_refused(few):
     scale = [0.02] * 3 + [0.05] * 3
     other = dataclasses.replace(few.provenance, action_scale=scale)
-    with pytest.raises(UserError, match=r"action_scale is .*0\.02"):
+    with pytest.raises(UserError, match=r"action scale .*0\.02"):
         replay.replay(dataclasses.replace(few, provenance=other), "native")

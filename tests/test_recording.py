@@ -114,3 +114,18 @@ def test_recording_is_refused_where_a_replay_could_not_follow():
 
 def test_the_expert_learns_from_the_dense_reward_as_it_is():
     assert record.training_options(Record()).sac.reward_scale == 1.0
+
+
+@pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        ("--steps 10", "--replay.capacity: got 10|--sac.warmup-steps: got 2000"),
+        ("--scene.clearance 8mm", "--scene.clearance: got 8mm"),
+        ("--scene.friction 2", "recording needs the default footprint and friction"),
+        ("--mdp.translation-scale 20mm", "recording needs the default action scales"),
+    ],
+)
+def test_an_expert_whose_demonstrations_would_be_of_no_use_is_not_trained(tmp_path, line, answer):
+    with pytest.raises(UserError, match=answer):
+        demos_command.run(["record", "--out", str(tmp_path / "d.npz"), *line.split()])
+    assert not list(tmp_path.iterdir())

@@ -1,6 +1,7 @@
 """Whole runs from the command line: what they leave, and that a stop loses nothing."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crsfd_jax import artefacts, cli, metrics
-from crsfd_jax.config import Config, Replay, to_dict
+from crsfd_jax import algorithms, artefacts, cli, metrics, trainer
+from crsfd_jax.config import ALGORITHMS, Config, Mdp, Potential, Replay, Sac, to_dict
+from crsfd_jax.demos import builtin
+from crsfd_jax.errors import UserError
 from crsfd_jax.program import CHUNK_STEPS, evaluation_period, fitted, total_steps
 from crsfd_jax.smoke import smoke_sized
 from crsfd_jax.sweeps import state
@@ -74,10 +77,51 @@ def test_a_stopped_run_continues_to_the_same_end(whole, tmp_path):
             np.testing.assert_array_equal(a[name], b[name], err_msg=name)
 
 
-def test_a_finished_run_says_so_again(whole):
+def test_a_finished_run_says_so_again_and_writes_no_checkpoint(whole):
+    last = whole / "checkpoints" / str(4096 // 16)
+    before = last.stat().st_mtime_ns, last.stat().st_ino
     code, out, _ = finished("train", *OPTIONS, "--out", whole)
-    assert code == 0
+    assert code == 0 and (last.stat().st_mtime_ns, last.stat().st_ino) == before
     assert "resumed at 4096 of 4096" in out and "compiling" not in out
+
+
+def test_a_run_without_its_checkpoints_does_not_start_over(whole, tmp_path):
+    copy = shutil.copytree(whole, tmp_path / "copy")
+    shutil.rmtree(copy / "checkpoints")
+    before = (copy / "metrics.csv").read_bytes()
+    code, _, err = finished("train", *OPTIONS, "--out", copy)
+    assert code == 2 and len(err.strip().splitlines()) == 1
+    assert "holds no checkpoint, expected one of a run with the results in metrics.csv" in err
+    assert (copy / "metrics.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("config", "answer"),
+    [
+        (Config(algorithm="rlpd", sac=Sac(critics=4)), "--sac.critics: got 4, but rlpd always has"),
+        (
+            Config(algorithm="crsfd_same_gamma", potential=Potential(gamma=0.9)),
+            "--potential.gamma: got 0.9, but crsfd_same_gamma always has 0.98",
+        ),
+        (
+            Config(algorithm="sac", replay=Replay(priority_exponent=0.5)),
+            "--replay.priority-exponent: got 0.5, but sac always has 0.0",
+        ),
+        (Config(mdp=Mdp(translation_scale=0.02)), "the action scale .*0.01.*, expected .*0.02"),
+    ],
+)
+def test_what_a_method_or_the_demonstrations_fix_is_refused_before_a_folder_is_made(
+    tmp_path, config, answer
+):
+    config = replace(config, out=str(tmp_path / "run"))
+    with pytest.raises(UserError, match=answer):
+        trainer.train([config], builtin.load("builtin"))
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_a_method_sets_by_itself_is_not_refused():
+    for name in ALGORITHMS:
+        algorithms.refuse_replaced(Config(algorithm=name, sac=Sac(gamma=0.97)))
 
 
 def test_a_target_decides_the_exit_code_and_may_change(whole):
@@ -129,10 +173,13 @@ def test_a_run_that_goes_on_with_more_steps_keeps_its_buffer_unless_told_another
 
 
 def test_steps_may_grow_whatever_the_buffer_was_fitted_to(tmp_path):
+    kept = "buffer    2048 transitions a seed (as the run began; a new one of these steps has 4096)"
     for steps, said in ((2048, "prepared"), (4096, "resumed at 2048 of 4096 steps")):
         code, out, err = finished("train", *OPTIONS, "--steps", steps, "--out", tmp_path / "run")
         assert code == 0, err
         assert said in out and "buffer    2048 transitions" in out
+        assert (kept in out) == (steps == 4096)
+        assert f"steps     {steps} a seed, evaluated every 2048" in out
     assert metrics.read(tmp_path / "run" / "metrics.csv")["env_steps"].tolist()[::2] == [2048, 4096]
 
 

@@ -8,22 +8,32 @@ from crsfd_jax import files, shapes, task, trained, validation
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin, dataset, exchange, record, recordable, replay, rollout
 from crsfd_jax.demos.options import FromRun, Record
-from crsfd_jax.errors import UserError
+from crsfd_jax.errors import DONE, MISSED, UserError
 
 _TRIALS = 200
 
 
 def record_file(options: Record, command: str) -> int:
-    """Trains the expert, records it and writes the file."""
+    """Trains the expert, records it and writes the file; 1 if it learned too little."""
+    config = record.training_options(options)
+    validation.validate(config)
+    if reason := recordable.refusal(config):
+        raise UserError(f"{options.out}: {reason}; leave those options out")
     files.reserve(options.out)
 
+    reached = []
+
     def report(env_steps: int, success: float) -> None:
+        reached.append(success)
         print(f"expert: {env_steps:7d} steps, success {success:.2f}", flush=True)
 
     print(f"training the expert of shape {options.shape}", flush=True)
     expert = record.train_expert(options, report)
-    config = record.training_options(options)
-    return _write(options, options.seed, config, expert, command)
+    _write(options, options.seed, config, expert, command)
+    if reached[-1] < options.enough:
+        print(f"the expert came to {reached[-1]:.2f} only, below --enough {options.enough:g}")
+        return MISSED
+    return DONE
 
 
 def record_run(options: FromRun, command: str) -> int:
@@ -47,7 +57,8 @@ def record_run(options: FromRun, command: str) -> int:
     learned = f"{config.algorithm} on shape {shapes.label(source.config.shape)}"
     described = f"{learned}, seed {chosen.seed}, {chosen.env_steps} environment steps"
     expert = rollout.Expert(source.nets, trained.actor(source, chosen), described)
-    return _write(options, chosen.seed, config, expert, command)
+    _write(options, chosen.seed, config, expert, command)
+    return DONE
 
 
 def show(name: str) -> int:
@@ -83,7 +94,7 @@ def check(name: str) -> int:
 
 def _write(
     options: Record | FromRun, seed: int, config: Config, expert: rollout.Expert, command: str
-) -> int:
+) -> None:
     env = task.make_env(config)
     trial_key, key = jax.random.split(jax.random.key(seed + 1))
     trials = rollout.play(env, expert, options.noise, trial_key, _TRIALS)
@@ -100,4 +111,3 @@ def _write(
     dataset.save(options.out, demos)
     print(dataset.describe(demos))
     print(f"written to {options.out}")
-    return 0

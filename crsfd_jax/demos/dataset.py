@@ -186,6 +186,25 @@ def _check_values(demos: Demonstrations) -> None:
             )
 
 
+def check_units(demos: Demonstrations, action_scale: list[float], control_dt_s: float) -> None:
+    """Checks that actions mean in a task what they meant in the recording.
+
+    Raises:
+      UserError: they last or move otherwise.
+    """
+    source = demos.provenance
+    if abs(source.control_dt_s - control_dt_s) > 1e-6:
+        raise UserError(
+            f"demonstrations were recorded with control steps of {source.control_dt_s:g} s, "
+            f"expected {control_dt_s:g} s; record at that rate"
+        )
+    if not np.allclose(source.action_scale, action_scale):
+        raise UserError(
+            f"demonstrations have the action scale {source.action_scale}, expected {action_scale}; "
+            "record with the scales of the task (--mdp.translation-scale, --mdp.rotation-scale)"
+        )
+
+
 def _check_episodes(demos: Demonstrations) -> None:
     length, steps = demos.episode_length, len(demos.obs)
     total = int(length.sum(dtype=np.int64))

@@ -109,18 +109,9 @@ def check_task(demos: dataset.Demonstrations) -> None:
     Raises:
       UserError: the demonstrations were recorded under other conditions than this task's.
     """
-    source, mdp = demos.provenance, config.Mdp()
-    if abs(source.control_dt_s - CONTROL_DT) > 1e-6:
-        raise UserError(
-            f"recorded with control steps of {source.control_dt_s:g} s, expected {CONTROL_DT:g} s; "
-            "record it at that rate"
-        )
-    if not np.allclose(source.action_scale, mdp.action_scale):
-        raise UserError(
-            f"action scale {source.action_scale}, expected {mdp.action_scale}; convert it first"
-        )
+    dataset.check_units(demos, config.Mdp().action_scale, CONTROL_DT)
     try:
-        shapes.read(source.shape)
+        shapes.read(demos.provenance.shape)
     except ValueError as error:
         raise UserError(f"provenance.shape: {error}") from None
 

@@ -68,7 +68,7 @@ def is_finished(folder: Path, config: Config) -> bool:
     except UserError:
         return False
     evaluated = (env_steps >= config.steps).sum() >= config.seeds
-    # A policy is also written when a run is only stopped; that of the end, before its checkpoint.
+    # A policy is written at every evaluation; that of the end, before its checkpoint.
     saved = max(artefacts.saved_steps(folder / "checkpoints"), default=config.steps)
     final = saved * config.envs >= config.steps and (folder / _POLICY).is_file()
     return bool(same and evaluated and final)
