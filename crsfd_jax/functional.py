@@ -59,7 +59,7 @@ class Insertion(NamedTuple):
 
 
 def make(options: Config) -> Insertion:
-    """The task of a configuration; only its engine, shape, shift, scene and mdp matter."""
+    """The task of a configuration; only what defines the task and its engine matters."""
     env = task.make_env(options)
     shapes = task.shapes_known(options)
     _, scene = task.engine(select.resolve(options.engine), options.scene, shapes)

@@ -57,7 +57,7 @@ HELD_OUT = Randomisation(
     position_noise=3e-4,
     rotation_noise=1.5e-3,
 )
-"""Ranges that share no value with those of TRAINING, and more noise.
+"""Ranges unlike those of TRAINING, as many delays, and more noise.
 
 Friction and gains lie beyond those of TRAINING, joint offsets in its gap: a policy cannot search
 further than it ever had to, so errors of place must be met in training as large as the arm's."""

@@ -2,7 +2,8 @@
 
 The paper's arm says gamma_k = gamma_0. Lowering gamma_k would also change the task that is
 learned and the horizon of the learner, and no longer compare with the other methods; raising
-gamma_0 takes away the gap alone. On a demonstration the shaped reward is then zero.
+gamma_0 takes away the gap alone. On a demonstration the shaped reward is then zero but for the
+step that succeeds.
 
 Source: Guo et al. 2022, second arm of the ablation.
 """
