@@ -28,7 +28,7 @@ class Evaluate:
     shift: Length | None = None
     """Side of the square of the socket's offset, such as 4mm."""
     held_out: bool = False
-    """Draw what tells the arm from its model from ranges unlike those of experiments/transfer.py."""
+    """Draw what tells the arm from its model from other ranges than experiments/transfer.py."""
     randomisation: Randomisation = field(default_factory=Randomisation)
     episodes: Annotated[int, Interval(1, 1_000_000)] = 100
     """Episodes of each seed."""

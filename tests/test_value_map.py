@@ -70,3 +70,14 @@ def test_the_fitted_potential_rises_towards_the_end_of_the_demonstrations(monkey
     assert inserted > mouth > above
     assert phi(np.zeros((2, 5, 6))).shape == (2, 5)
     assert len(tracks) == 40
+
+
+def test_the_potential_of_an_ablation_is_that_of_its_own_options():
+    options = Config(potential=Potential(steps=200))
+    poses = np.array([[0.0, 0.0, 0.03, 0.0, 0.0, 0.0], [0.1, 0.0, 0.1, 0.0, 0.0, 0.0]])
+    plain, _ = value_map.fit(options)
+    arm, _ = value_map.fit(dataclasses.replace(options, algorithm="crsfd_no_free_space"))
+    without = dataclasses.replace(options.potential, free_space_weight=0.0)
+    by_hand, _ = value_map.fit(dataclasses.replace(options, potential=without))
+    np.testing.assert_array_equal(arm(poses), by_hand(poses))
+    assert (arm(poses) != plain(poses)).any()

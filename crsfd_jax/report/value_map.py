@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from crsfd_jax import free_space
+from crsfd_jax import algorithms, free_space
 from crsfd_jax.algorithms import crsfd
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, Potential, Scene
@@ -57,10 +57,13 @@ def draw_of(cells: Sequence[Cell], path: Path) -> str:
 
 
 def fit(config: Config) -> tuple[Phi, np.ndarray]:
-    """The potential as a run fits it, and the tip of its demonstrations.
+    """The potential as CRSfD, or an arm of its ablation, fits it with these options.
+
+    The random numbers are not those of a seed of the run.
 
     Returns:
-      The potential and positions [K, T, 3], m, NaN after the end of an episode.
+      The potential, and positions [K, T, 3] of the tip in the demonstrations, m, NaN after the
+      end of an episode.
 
     Raises:
       UserError: the demonstrations cannot be used.
@@ -68,6 +71,7 @@ def fit(config: Config) -> tuple[Phi, np.ndarray]:
     demos = builtin.load(config.demos, config.demo_episodes)
     sampler = free_space.make(build(config.scene), config.potential.free_space_extent)
     key = jax.random.key(config.seed)
+    config = algorithms.load(config.algorithm).configure(config)
     fitted = crsfd.prepare(key, Preparation.of(demos, sampler), config)
 
     def phi(poses: np.ndarray) -> np.ndarray:
