@@ -10,10 +10,10 @@ import jax
 
 from crsfd_jax import spread
 from crsfd_jax.config import Config
+from crsfd_jax.drawing import video
 from crsfd_jax.files import remove_leftovers
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.progress import say
-from crsfd_jax.report import video
 from crsfd_jax.report.runs import CLIPS
 from crsfd_jax.viewer import film, live
 

@@ -26,7 +26,7 @@ class Doctor:
 def main(argv: list[str]) -> None:
     """Prints the report that a command line asks for."""
     options = cli.parse(Doctor, argv)
-    from crsfd_jax.report import checkup
+    from crsfd_jax import checkup
 
     report = checkup.examine(options.engines, options.seconds)
     if options.json:

@@ -62,8 +62,7 @@ def task_of(argv: list[str]) -> tuple[Evaluate, Config]:
 def run(argv: list[str]) -> int:
     """Evaluates as the command line says; see --help."""
     given, task = task_of(argv)
-    from crsfd_jax import compile_cache
-    from crsfd_jax.report import success
+    from crsfd_jax import compile_cache, success
 
     compile_cache.enable()
     success.report(Path(given.run), task, given.episodes, given.seed, given.csv)

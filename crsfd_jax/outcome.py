@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from crsfd_jax.config import Config
 from crsfd_jax.errors import DONE, MISSED
-from crsfd_jax.report.intervals import wilson_interval
+from crsfd_jax.intervals import wilson_interval
 
 
 class Outcome(NamedTuple):

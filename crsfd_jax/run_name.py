@@ -14,7 +14,7 @@ from crsfd_jax.units import format_length
 _ELSEWHERE = ("algorithm", "shape", "shift", "seed", "seeds", "smoke")
 """Options that every name says."""
 _NOWHERE = ("steps", "evaluation.every", "evaluation.episodes", *artefacts.MAY_CHANGE)
-"""How far a run goes and how closely it is looked at: it is the same run."""
+"""How far a run goes, how closely it is looked at, and what may change while it goes on."""
 _LONGEST = 200
 """Letters; file systems allow 255 bytes."""
 

@@ -6,7 +6,7 @@
 from crsfd_jax import cli, loggers, together
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
-from crsfd_jax.report import opengl
+from crsfd_jax.drawing import opengl
 from crsfd_jax.smoke import smoke_sized
 
 

@@ -12,10 +12,10 @@ from typing import Annotated
 import tyro
 
 from crsfd_jax import artefacts, cli, config, option_types, shapes, validation
+from crsfd_jax.drawing import opengl
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
 from crsfd_jax.limits import Interval
-from crsfd_jax.report import opengl
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def _draw(view: View, png: str) -> None:
     from PIL import Image
 
     from crsfd_jax import task
-    from crsfd_jax.report.overview import overview
+    from crsfd_jax.drawing.overview import overview
     from crsfd_jax.scene.build import build
 
     options = _options(view)

@@ -10,18 +10,18 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = "crsfd_jax"
 ORDER = tuple(
     """
-    errors extras units types files option_names limits shapes option_types randomisation config
+    errors extras units types intervals files option_names limits shapes option_types randomisation config
     smoke validation cli keywords interrupt compile_cache progress leaves npz metrics troubles
     loggers policy artefacts run_name together array_store checkpoints divergence
     sweeps
-    scene.digits scene.build scene.kinematics
+    scene.digits scene.build scene.kinematics drawing
     physics.interface physics.host_call physics.native physics.mjx physics.select
     observation scene.randomize sensing env task functional device spread
     demos.options demos.provenance demos.dataset demos.builtin demos.replay
     demos.layout demos.hdf5 demos.robomimic demos.minari demos.exchange
-    learn algorithms free_space train_step chunk evaluation trained deploy
+    learn algorithms free_space train_step chunk evaluation trained success deploy
     demos.recordable demos.rollout demos.expert demos.record demos.commands
-    report gym program standing outcome viewer clips bookkeeping trainer
+    report gym checkup program standing outcome viewer clips bookkeeping trainer
     view evaluate train sweep doctor export report.__main__ demos.__main__ __main__
     """.split()  # noqa: SIM905
 )

@@ -12,8 +12,8 @@ from PIL import Image
 from test_view import needs_opengl
 
 from crsfd_jax import clips, config, train
+from crsfd_jax.drawing import opengl
 from crsfd_jax.errors import UserError
-from crsfd_jax.report import opengl
 from crsfd_jax.viewer import film
 
 OPTIONS = config.Config(

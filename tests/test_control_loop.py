@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from crsfd_jax import evaluation, export, task, trained
-from crsfd_jax.report.intervals import wilson_interval
+from crsfd_jax.intervals import wilson_interval
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 EPISODES = 20

@@ -9,8 +9,8 @@ from scipy.stats import binomtest
 
 from crsfd_jax import metrics
 from crsfd_jax.errors import UserError
+from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.report.curves import curve, mean_and_spread, plot
-from crsfd_jax.report.intervals import wilson_interval
 
 
 @pytest.mark.parametrize(

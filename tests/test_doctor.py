@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from crsfd_jax import config, doctor
+from crsfd_jax import checkup, config, doctor
+from crsfd_jax.drawing import opengl
 from crsfd_jax.env import Env
 from crsfd_jax.errors import UserError
-from crsfd_jax.report import checkup, opengl
 
 SPEEDS = {64: 950.0, 256: 1000.0}
 

@@ -3,8 +3,8 @@
 import pytest
 
 from crsfd_jax.config import Config, Evaluation
+from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.outcome import judge
-from crsfd_jax.report.intervals import wilson_interval
 
 
 def config(**changes) -> Config:

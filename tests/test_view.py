@@ -6,8 +6,8 @@ import pytest
 from PIL import Image
 
 from crsfd_jax import config, shapes, view
+from crsfd_jax.drawing import opengl, picture, video
 from crsfd_jax.errors import UserError
-from crsfd_jax.report import opengl, picture, video
 from crsfd_jax.scene import build, kinematics
 
 SCENE = build.build(config.Scene())

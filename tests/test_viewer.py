@@ -12,11 +12,11 @@ import pytest
 
 from crsfd_jax import config, view
 from crsfd_jax.demos import builtin, dataset, replay
+from crsfd_jax.drawing import video
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import networks
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.physics.interface import CONTROL_DT
-from crsfd_jax.report import video
 from crsfd_jax.viewer import hand, live, panel, potential_map, serve
 
 OPTIONS = config.Config(seeds=2, seed=7, engine="native", sac=config.Sac(hidden=(8,)))

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.report import statistics, summary
 from crsfd_jax.report.cells import Cell, Task
-from crsfd_jax.report.intervals import wilson_interval
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.pairing import Book, pair
 from crsfd_jax.report.statistics import Estimate

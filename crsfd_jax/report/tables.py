@@ -5,9 +5,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.report.cells import Cell, unusual_options
 from crsfd_jax.report.evidence import show
-from crsfd_jax.report.intervals import wilson_interval
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.own_trials import Trials
 from crsfd_jax.report.pairing import rivals

@@ -6,8 +6,8 @@ from pathlib import Path
 import matplotlib.figure
 import numpy as np
 
+from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.report.figures import clean, save
-from crsfd_jax.report.intervals import wilson_interval
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.transfer import Transfer
 

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 from crsfd_jax import compile_cache
+from crsfd_jax.drawing import picture, video
 from crsfd_jax.errors import UserError
 from crsfd_jax.physics.interface import CONTROL_DT
-from crsfd_jax.report import picture, video
 from crsfd_jax.scene.build import model_of
 from crsfd_jax.viewer import live, pose
 

@@ -13,11 +13,11 @@ import jax
 import mujoco
 
 from crsfd_jax import artefacts, compile_cache, config, extras, task
+from crsfd_jax.drawing import picture
 from crsfd_jax.env import Env, EnvState
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE
 from crsfd_jax.physics import select
-from crsfd_jax.report import picture
 from crsfd_jax.scene.build import build, model_of
 
 PACKAGES = ("numpy", "matplotlib", "pillow", "tyro", "rich")
@@ -103,7 +103,7 @@ def _rates(engines: tuple[str, ...], seconds: float) -> tuple[list[dict[str, Any
 
 def _drawing() -> dict[str, Any]:
     """Draws one small picture."""
-    from crsfd_jax.report import opengl
+    from crsfd_jax.drawing import opengl
 
     scene = build(config.Scene())
     model = model_of(scene, 0)

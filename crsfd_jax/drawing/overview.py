@@ -5,7 +5,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from crsfd_jax.report.picture import render
+from crsfd_jax.drawing.picture import render
 from crsfd_jax.scene.build import Scene, model_of, place_socket
 from crsfd_jax.scene.kinematics import chain, inverse_kinematics
 from crsfd_jax.shapes import label

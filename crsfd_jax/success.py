@@ -12,8 +12,8 @@ from crsfd_jax import evaluation, shapes, task, trained
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
+from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.randomisation import Randomisation
-from crsfd_jax.report.intervals import wilson_interval
 
 COLUMNS = ("seed", "shape", "trials", "successes")
 

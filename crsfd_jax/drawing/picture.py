@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import mujoco
 import numpy as np
 
-from crsfd_jax.report import opengl
+from crsfd_jax.drawing import opengl
 
 _HIDDEN_GROUPS = [3, 4]
 """Contact spheres and sites."""
