@@ -118,7 +118,7 @@ def test_commands_of_every_program_are_documented():
 
 def test_other_documented_commands_name_what_exists():
     targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M)
-    advice = (ROOT / "crsfd_jax" / "report" / "opengl.py").read_text()
+    advice = (ROOT / "crsfd_jax" / "drawing" / "opengl.py").read_text()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     for command in set(COMMANDS) - {*OURS, "python -m crsfd_jax"}:
         first, second, *rest = words_of(command)
