@@ -127,6 +127,8 @@ BAD_ARRAYS = {
     "nan": (changed("obs", (2, 1), np.nan), "1 non-finite values, first at obs[2, 1]"),
     "inf": (changed("start_qpos", (1, slice(0, 2)), np.inf), "2 non-finite values, first at st"),
     "loud action": (changed("action", (4, 0), 1.5), "action outside [-1, 1], first 1.5 at act"),
+    "dense reward": (changed("reward", 1, 0.5), "reward is 0.5 at step 1, expected 1 where"),
+    "success without its reward": (changed("reward", 2, 0), "reward is 0 at step 2"),
     "negative reward": (changed("reward", 1, -1), "reward outside [0, 1], first -1 at reward[1]"),
     "millimetres": (
         changed("socket_offset", (0, 1), 4),

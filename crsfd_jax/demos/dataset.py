@@ -5,7 +5,7 @@ observation and action. Nothing is ever unpickled.
 
     obs             [N, O] float32   before the action, scaled and clipped
     action          [N, A] float32   in [-1, 1]
-    reward          [N] float32      sparse: in [0, 1]
+    reward          [N] float32      sparse: 1 where terminated, else 0
     next_obs        [N, O] float32   after the action
     terminated      [N] bool         fully inserted, only at the last step of an episode
     truncated       [N] bool         time limit hit, only at the last step of an episode
@@ -223,6 +223,12 @@ def _check_episodes(demos: Demonstrations) -> None:
         )
     if not demos.terminated.any():
         raise UserError(f"no successful episode among {len(length)}; record with a better expert")
+    dense = np.flatnonzero(demos.reward != demos.terminated)
+    if len(dense):
+        raise UserError(
+            f"reward is {demos.reward[dense[0]]:g} at step {dense[0]}, expected 1 where terminated "
+            "and 0 elsewhere; write the sparse reward of the task"
+        )
 
 
 def _check_columns(source: Provenance, obs_dim: int, action_dim: int) -> None:
