@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = "crsfd_jax"
 ORDER = tuple(
     """
-    errors extras units types intervals files option_names limits shapes option_types randomisation config
-    smoke validation cli keywords interrupt compile_cache progress leaves npz metrics troubles
+    errors extras units types intervals files option_names limits shapes option_types
+    randomisation config smoke validation cli keywords interrupt compile_cache progress leaves npz metrics troubles
     loggers policy artefacts run_name together array_store checkpoints divergence
     sweeps
     scene.digits scene.build scene.kinematics drawing
