@@ -129,8 +129,8 @@ def _learn(nets, method, config, state, step, key):
     keys = jax.random.split(update_key, config.sac.updates_per_step)
     agent, (td_error, metrics) = jax.lax.scan(update, state.agent, (batches, keys))
     # In units of the rewards, as the floor and the bonus are: their scale changes no priority.
-    surprise = td_error / config.sac.reward_scale
-    buffer = replay.reprioritise(state.replay, draw, surprise, config.replay)
+    td_error = td_error / config.sac.reward_scale
+    buffer = replay.reprioritise(state.replay, draw, td_error, config.replay)
     metrics = {**metrics, "demo_share": jnp.mean(batches.is_demo, dtype=jnp.float32)}
     state = state.replace(agent=agent, prepared=prepared, replay=buffer)
     return state, jax.tree.map(jnp.mean, metrics)

@@ -9,8 +9,7 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.report import transfer
 from crsfd_jax.report.cells import Task
 from crsfd_jax.report.methods import rank
-
-_ENDING = "trials.csv"
+from crsfd_jax.sweeps.state import TRIALS
 
 
 class Trials(NamedTuple):
@@ -45,5 +44,5 @@ def find(roots: Sequence[str | Path]) -> tuple[list[Trials], list[str]]:
 
 
 def _tables(root: Path) -> list[Path]:
-    tables = set(root.rglob(f"*{_ENDING}")) - set(transfer.tables(root))
+    tables = set(root.rglob(f"*{TRIALS}")) - set(transfer.tables(root))
     return sorted(tables)
