@@ -37,7 +37,10 @@ _WAIT_S = 2.0
 
 @dataclass(frozen=True)
 class Sweep:
-    """Runs the cells of an experiment that are not done yet; the same command again goes on."""
+    """Runs the cells of an experiment that are not done yet; the same command again goes on.
+
+    What follows `--` is given to every cell besides its own options: -- --sac.reward-scale 1
+    """
 
     experiment: str
     """Name of a file in experiments/, such as setting1, or the path of a .py file."""
@@ -70,6 +73,8 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
     Args:
       command: what trains a cell, given its arguments.
     """
+    start = argv.index("--") if "--" in argv else len(argv)
+    argv, also = argv[:start], argv[start:]
     options = cli.parse(Sweep, argv)
     if options.gpus and options.runner == "local":
         raise UserError(
@@ -78,7 +83,7 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
         )
     if options.status and options.dry_run:
         raise UserError("--status: got --dry-run as well, allowed: one of them; leave one out")
-    experiment = cells.load(options.experiment)
+    experiment = cells.load(options.experiment, tuple(also[1:]))
     chosen = [cell for cell in experiment.cells if fnmatch.fnmatch(cell.name, options.only)]
     if not chosen:
         raise UserError(

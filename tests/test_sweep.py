@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crsfd_jax import metrics, policy, sweep
+from crsfd_jax import artefacts, metrics, policy, sweep
 from crsfd_jax.config import ALGORITHMS, Config, Evaluation
 from crsfd_jax.demos import builtin
 from crsfd_jax.errors import UserError
@@ -226,6 +226,16 @@ def test_more_steps_or_a_lost_file_make_a_finished_cell_unfinished(file, out):
     (folder / "away").rename(folder / policy.FILE)
     metrics.truncate(folder / "metrics.csv", STEPS[-2])
     assert not state.is_finished(folder, cell.config)
+
+
+def test_options_for_every_cell_are_part_of_its_name(file, out, capsys):
+    also = "--", "--sac.gamma", "0.97", "--steps", "2048"
+    assert swept(file, "--only", f"{NAMES[0]}*", *also) == 0
+    name = f"{NAMES[0]}-sac.gamma0.97"
+    assert artefacts.read_config(out / name).sac.gamma == 0.97
+    assert metrics.read(out / name / "metrics.csv")["env_steps"].max() == 2048
+    with pytest.raises(UserError, match=r"cell 0: --sac\.gamma: got 2"):
+        swept(file, "--", "--sac.gamma", "2")
 
 
 def test_a_dry_run_and_a_status_write_nothing(file, out, capsys):

@@ -40,11 +40,14 @@ class Experiment(NamedTuple):
     """Files of demonstrations, and what `python -m crsfd_jax.demos` is called with to make each."""
 
 
-def load(name: str) -> Experiment:
+def load(name: str, also: tuple[str, ...] = ()) -> Experiment:
     """Reads an experiment by its name or by the path of its .py file, which is executed.
 
     A file holds `CELLS`, a tuple of tuples of arguments; its docstring's first line describes it.
     It may hold `DEMOS` and `TRIALS` as well: see `Experiment.demos` and `Cell.trials`.
+
+    Args:
+      also: arguments that every cell gets besides its own.
 
     Raises:
       UserError: there is none, it holds no cells, two cells are the same run, or a cell is
@@ -64,7 +67,9 @@ def load(name: str) -> Experiment:
     if not found.get("CELLS"):
         raise UserError(f"{path}: defines no CELLS, expected a tuple of argument tuples; add it")
     trials = tuple(found.get("TRIALS", ()))
-    cells = tuple(_cell(path, number, given, trials) for number, given in enumerate(found["CELLS"]))
+    cells = tuple(
+        _cell(path, number, (*given, *also), trials) for number, given in enumerate(found["CELLS"])
+    )
     twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
     if twice:
         raise UserError(f"{path}: cell {twice[0]} is there more than once; keep one of them")
