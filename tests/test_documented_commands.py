@@ -69,7 +69,7 @@ IN_ORDER = {
     "python -m crsfd_jax.doctor --engines native mjx": "--seconds 0.2",
     "python -m crsfd_jax.report runs": "",
     "python -m crsfd_jax.report experiments/results --out docs/results": "",
-    "python -m crsfd_jax.report experiments/results_scale1": "--out runs/scale1",
+    "python -m crsfd_jax.report experiments/results_scale1 --out runs/scale1": "",
     "python -m crsfd_jax": "",
     "make train": f"ARGS='{SMOKE} --out {{folder}}/runs/made'",
     'make train ARGS="--shape 2 --shift 8mm --steps 300000"': (
@@ -84,6 +84,7 @@ SWEEPS = (
     f"{SWEEP} setting1 --status",
     f"{SWEEP} setting1 --workers 2",
     f"{SWEEP} early",
+    f"{SWEEP} setting1 -- --sac.reward-scale 1",
     "python -m crsfd_jax.report runs/setting1",
 )
 """Run on experiments of the same names whose cells are small."""
@@ -108,7 +109,7 @@ NOT_RUN = {
     f"{TRAIN} --shape 1 --and --shape 3 --shift 8mm": "two whole runs; test_sweep.py has a pair",
     f"{DEMOS} from-run runs/NAME --out next.npz": TRAINED,
     f"{DEMOS} from-run runs/NAME --out near.npz --shift 4mm --noise 1.5 --seed 2": TRAINED,
-    f"{TRAIN} --shape 2 --engine warp --envs 1024": "needs an NVIDIA GPU",
+    f"{TRAIN} --shape 2 --engine warp --envs 1024 --sac.updates-per-step 256": "needs an NVIDIA GPU",
     f"{SWEEP} setting1 --runner slurm --workers 16 --gpus 1 --slurm.partition gpu "
     "--slurm.minutes 240 --slurm.cores 8": "needs a SLURM cluster; test_sweep.py has a stand-in",
     "apt-get install libegl1 libgl1-mesa-dri libopengl0": "changes the machine",
@@ -190,7 +191,7 @@ def test_documented_sweeps_run(small_experiments, folder):
             assert sweep.run(words) == 0, command
         else:
             finished(command, "")
-    assert len(list(folder.glob("runs/*/*/policy.npz"))) == 4
+    assert len(list(folder.glob("runs/*/*/policy.npz"))) == 6
 
 
 @pytest.mark.slow
