@@ -109,7 +109,7 @@ NOT_RUN = {
     f"{TRAIN} --shape 1 --and --shape 3 --shift 8mm": "two whole runs; test_sweep.py has a pair",
     f"{DEMOS} from-run runs/NAME --out next.npz": TRAINED,
     f"{DEMOS} from-run runs/NAME --out near.npz --shift 4mm --noise 1.5 --seed 2": TRAINED,
-    f"{TRAIN} --shape 2 --engine warp --envs 1024 --sac.updates-per-step 256": "needs an NVIDIA GPU",
+    f"{TRAIN} --shape 2 --engine warp --envs 1024 --sac.updates-per-step 256": "needs a GPU",
     f"{SWEEP} setting1 --runner slurm --workers 16 --gpus 1 --slurm.partition gpu "
     "--slurm.minutes 240 --slurm.cores 8": "needs a SLURM cluster; test_sweep.py has a stand-in",
     "apt-get install libegl1 libgl1-mesa-dri libopengl0": "changes the machine",
