@@ -8,6 +8,7 @@ import dataclasses
 import probe_env
 
 from crsfd_jax import cli, compile_cache, program, spread, trainer
+from crsfd_jax.demos import builtin
 
 
 def run(argv: list[str]) -> int:
@@ -20,7 +21,7 @@ def run(argv: list[str]) -> int:
     made = (lambda drawn: probe_env.make()), probe_env.preparation()
     trainer.build = lambda configs, _: program.assemble(configs, *made)
     compile_cache.enable()
-    return trainer.train(configs, None)
+    return trainer.train(configs, builtin.load("builtin"))
 
 
 if __name__ == "__main__":
