@@ -98,12 +98,14 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
     )
     say(f"{experiment.name}: {experiment.description}")
     say(f"{len(chosen)} of {len(experiment.cells)} cells, in {plan.out}")
+    if options.status:
+        _show(chosen, plan, 0)
+        return DONE
     unfinished = [cell for cell in chosen if not state.is_done(plan.out, cell)]
-    if options.status or options.dry_run:
-        if options.dry_run:
-            for command in demonstrations.commands(experiment, unfinished).values():
-                say(shlex.join(command))
-        _show(chosen, plan, options.together if options.dry_run else 0)
+    if options.dry_run:
+        for command in demonstrations.commands(experiment, unfinished).values():
+            say(shlex.join(command))
+        _show(chosen, plan, options.together)
         return DONE
     demonstrations.make(experiment, unfinished)
     return _work(chosen, plan, _runner(options, plan), options.together)

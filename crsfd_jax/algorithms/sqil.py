@@ -1,11 +1,10 @@
 """SQIL: reward 1 on demonstrations and 0 on experience.
 
 Rewards are times 1 - gamma, so that values lie in [0, 1] as everyone's do, before the scale of
-rewards. Success leads
-to an absorbing state in which only the demonstrator is seen: it pays for ever, so it is worth 1,
-and a step into it bootstraps from that, whoever makes it. Were an end of the agent's own worth
-nothing, waiting beside the goal would be worth more than reaching it. All ends of this task are
-successes: what is worth 1 there is, though never read, the task's reward.
+rewards. Success leads to an absorbing state in which only the demonstrator is seen: it pays for
+ever, so it is worth 1, and a step into it bootstraps from that, whoever makes it. Were an end of
+the agent's own worth nothing, waiting beside the goal would be worth more than reaching it. All
+ends of this task are successes: what is worth 1 there is, though never read, the task's reward.
 
 Source: Reddy et al. 2020 (arXiv 1905.11108), on soft actor-critic.
 """

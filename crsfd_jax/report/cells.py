@@ -1,7 +1,7 @@
 """Runs of the same method on the same task, put together: a cell of a table."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +31,11 @@ class Task(NamedTuple):
     def __str__(self) -> str:
         shift = f"shift {self.shift_mm:g} mm" if self.shift_mm else "no shift"
         return f"shape {self.shape}, {shift}"
+
+
+def task_of(options: Mapping[str, Any]) -> Task:
+    """The task of a run with these options."""
+    return Task(shapes.label(options["shape"]), round(options["shift"] * 1e3, 6))
 
 
 class Cell(NamedTuple):
@@ -77,7 +82,7 @@ def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
     groups: dict[tuple, list[Run]] = {}
     for run in runs:
         method = method_of(run.options)
-        task = Task(shapes.label(run.options["shape"]), round(run.options["shift"] * 1e3, 6))
+        task = task_of(run.options)
         changed = _changed(run.options, usual[method])
         place = method, task, tuple(changed.items()), run.options["steps"]
         groups.setdefault(place, []).append(run)

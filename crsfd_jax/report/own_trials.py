@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from crsfd_jax import shapes
 from crsfd_jax.errors import UserError
 from crsfd_jax.report import transfer
-from crsfd_jax.report.cells import Task
+from crsfd_jax.report.cells import Task, task_of
 from crsfd_jax.report.methods import rank
 from crsfd_jax.sweeps.state import TRIALS
 
@@ -35,14 +34,13 @@ def find(roots: Sequence[str | Path]) -> tuple[list[Trials], list[str]]:
         try:
             if described := transfer.config_of(path):
                 options = transfer.options_of(described)
-                task = Task(shapes.label(options["shape"]), round(options["shift"] * 1e3, 6))
                 counted = transfer.totals(path).items()
+                task = task_of(options)
                 found += [Trials(task, options["algorithm"], shape, *n) for shape, n in counted]
         except UserError as error:
             skipped.append(str(error))
     return sorted(found, key=lambda t: (t.task, rank(t.method), t.shape)), skipped
 
 
-def _tables(root: Path) -> list[Path]:
-    tables = set(root.rglob(f"*{TRIALS}")) - set(transfer.tables(root))
-    return sorted(tables)
+def _tables(root: Path) -> set[Path]:
+    return set(root.rglob(f"*{TRIALS}")) - set(transfer.tables(root))
