@@ -152,7 +152,7 @@ def main(options: Options) -> None:
     with contextlib.redirect_stdout(sys.stderr):
         results = [measure(name, size, options) for name, size in pairs]
     line = {
-        "benchmark": "env",
+        "bench": "env",
         "results": results,
         "control_step_s": CONTROL_DT,
         "device": jax.devices()[0].device_kind,

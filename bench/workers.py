@@ -30,17 +30,16 @@ class Options:
     """Cells at a time."""
 
 
-def steps_per_second(workers: int, folder: Path) -> float:
+def steps_per_second(workers: int, plan: Plan) -> float:
     """Of all seeds of as many cells as workers, which run side by side."""
     count = Config().seeds
     given = ("--shift", "8mm", "--steps", str(STEPS), "--evaluation.every", str(STEPS))
     todo = [_cell(worker, (*given, "--seed", str(count * worker))) for worker in range(workers)]
-    plan = Plan(out=folder, retries=0)
-    for outcome in local_pool.run(todo, plan, workers, lambda: False):
+    for outcome in local_pool.run([(cell,) for cell in todo], plan, workers, lambda: False):
         if outcome.word != "done":
             raise RuntimeError(f"{outcome.name}: {outcome.word}: {outcome.tail}")
-    wall = [metrics.read(folder / cell.name / "metrics.csv")["time/wall_s"].max() for cell in todo]
-    return sum(STEPS * count / seconds for seconds in wall)
+    tables = [metrics.read(plan.out / cell.name / "metrics.csv") for cell in todo]
+    return sum(STEPS * count / float(table["time/wall_s"].max()) for table in tables)
 
 
 def _cell(worker: int, arguments: tuple[str, ...]) -> Cell:
@@ -51,7 +50,7 @@ def main(options: Options) -> None:
     """Measures one worker twice, for its first run may compile, and then several."""
     with tempfile.TemporaryDirectory() as scratch:
         rates = [
-            steps_per_second(workers, Path(scratch) / str(turn))
+            steps_per_second(workers, Plan(Path(scratch) / str(turn), retries=0))
             for turn, workers in enumerate((1, 1, options.workers))
         ]
     one, several = rates[1:]

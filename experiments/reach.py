@@ -32,9 +32,9 @@ def perceived(around: Surroundings) -> np.ndarray:
     """[S, K, 2] m, where the hole is for an arm that believes its joints, in x and y."""
     links = chain(build(config.Scene()))
     rest = rest_posture(links)
-    believed = tip_pose(links, rest + around.encoder_offset)[0]
+    believed = tip_pose(links, rest + np.asarray(around.encoder_offset))[0]
     error = np.asarray(believed - tip_pose(links, rest)[0])
-    return around.socket_offset + error[..., :2]
+    return np.asarray(around.socket_offset) + error[..., :2]
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,7 @@ def main(argv: list[str]) -> None:
     rows = figure.subplots(len(runs), 2, squeeze=False)
     for (left, right), run in zip(rows, runs, strict=True):
         config, (around, success, tip) = trained.load(run).config, play(run)
-        offset = around.socket_offset
+        offset = np.asarray(around.socket_offset)
         half, name = config.shift / 2, config.algorithm
         words = " ".join(f"{rate:.3f}" for rate in by_distance(offset, success, half))
         print(f"{run.name}: success {success.mean():.3f}, from the nominal place outwards {words}")

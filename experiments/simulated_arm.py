@@ -14,6 +14,7 @@ from typing import Annotated
 
 import control_loop
 import jax
+import jax.numpy as jnp
 import numpy as np
 import tyro
 
@@ -57,14 +58,14 @@ class SimulatedArm:
     def hold(self, pose: np.ndarray) -> None:
         """Simulates one control period with this setpoint."""
         position = pose[:3, 3] - self.scene.nominal
-        vector = kinematics.rotation_vector(pose[:3, :3])
+        vector = kinematics.rotation_vector(jnp.asarray(pose[:3, :3]))
         setpoint = np.concatenate([position, vector])[None].astype(np.float32)
         physics = self._step(self.state.physics, self.state.around, setpoint)
         self.state = self.state.replace(physics=physics)
 
     def is_inserted(self) -> bool:
         """The truth, which a real arm does not know: at the bottom of its own socket."""
-        position = np.asarray(self._pose(self.state.physics.qpos[0])[0])
+        position = self._pose(self.state.physics.qpos[0])[0]
         return bool(inserted(position[None], self.state.around)[0])
 
 
