@@ -11,7 +11,7 @@ import time
 import jax
 import jax.numpy as jnp
 
-from crsfd_jax import artefacts, cli, compile_cache, device
+from crsfd_jax import cli, compile_cache, device, manifest
 from crsfd_jax import program as program_of
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
@@ -98,7 +98,7 @@ def run(argv: list[str]) -> int:
         "steps": config.steps,
         "device": device.describe(config),
         **measure(config),
-        "versions": artefacts.versions(),
+        "versions": manifest.versions(),
     }
     print(json.dumps(line))
     return 0

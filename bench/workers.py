@@ -12,7 +12,7 @@ from pathlib import Path
 
 import tyro
 
-from crsfd_jax import cli, metrics
+from crsfd_jax import cli, metrics, run_folder
 from crsfd_jax.config import Config
 from crsfd_jax.sweeps import local_pool
 from crsfd_jax.sweeps.attempt import Plan
@@ -38,7 +38,7 @@ def steps_per_second(workers: int, plan: Plan) -> float:
     for outcome in local_pool.run([(cell,) for cell in todo], plan, workers, lambda: False):
         if outcome.word != "done":
             raise RuntimeError(f"{outcome.name}: {outcome.word}: {outcome.tail}")
-    tables = [metrics.read(plan.out / cell.name / "metrics.csv") for cell in todo]
+    tables = [metrics.read(run_folder.at(plan.out / cell.name).metrics) for cell in todo]
     return sum(STEPS * count / float(table["time/wall_s"].max()) for table in tables)
 
 

@@ -29,6 +29,7 @@ from crsfd_jax.learn.networks import Params
 from crsfd_jax.learn.sac import AgentState
 from crsfd_jax.progress import say
 from crsfd_jax.report import curves
+from crsfd_jax.run_folder import RunFolder
 from crsfd_jax.standing import Standing
 from crsfd_jax.train_step import TrainState
 
@@ -37,7 +38,7 @@ class Run(NamedTuple):
     """A run, whose seeds may be a part of those of its program."""
 
     config: Config
-    folder: artefacts.RunFolder
+    folder: RunFolder
     seeds: slice | None
     """Its own among those of the program; None for all."""
     at: Standing
@@ -60,7 +61,7 @@ def own(run: Run, whole: Any) -> Any:
 
 
 def restored(
-    folders: Sequence[artefacts.RunFolder], parts: Sequence[slice | None], like: TrainState
+    folders: Sequence[RunFolder], parts: Sequence[slice | None], like: TrainState
 ) -> list[checkpoints.Checkpoint | None]:
     """The newest checkpoints of runs, all of one step: a stop may come between two folders.
 
@@ -115,7 +116,7 @@ def evaluated(run: Run, states: TrainState, agent: AgentState, played: Episodes)
             divergence.keep(run.folder.path, part, index, seed, run.env_steps, place)
             at.diverged[str(seed)] = run.env_steps
     lengths = np.asarray(played.length).mean(axis=1).tolist()
-    policy.save(run.folder.path, own(run, agent.actor))
+    policy.save(run.folder.policy, own(run, agent.actor))
     metrics.append(run.folder.metrics, standing.rows(run.config, at, lengths))
     at.sums, at.chunks = {}, 0
 
@@ -134,7 +135,7 @@ def watcher(run: Run, stack: contextlib.ExitStack) -> Callable[[Params], None]:
     seeds = range(config.seed, config.seed + config.seeds)
     tool = config.log if spread.is_first() else "none"
     log = stack.enter_context(loggers.opened(tool, path, seeds))
-    film = clips.recorder(config, path)
+    film = clips.recorder(config, run.folder.clips)
 
     def watch(actors: Params) -> None:
         log()
@@ -156,7 +157,7 @@ def conclude(run: Run) -> int:
     return came_to.code
 
 
-def _refuse_emptied(folder: artefacts.RunFolder) -> None:
+def _refuse_emptied(folder: RunFolder) -> None:
     """A checkpoint is there before the second evaluation, so without one it was removed."""
     if folder.metrics.exists() and len(np.unique(metrics.read(folder.metrics)["env_steps"])) > 1:
         raise UserError(

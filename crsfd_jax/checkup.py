@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import mujoco
 
-from crsfd_jax import artefacts, compile_cache, config, extras, task
+from crsfd_jax import compile_cache, config, extras, manifest, task
 from crsfd_jax.drawing import picture
 from crsfd_jax.env import Env, EnvState
 from crsfd_jax.errors import UserError
@@ -43,7 +43,7 @@ def examine(engines: Iterable[str], seconds: float) -> dict[str, Any]:
     own = select.resolve("auto")
     rates, problems = _rates(tuple(engines) or (own,), seconds)
     return {
-        "versions": artefacts.versions() | _versions(PACKAGES),
+        "versions": manifest.versions() | _versions(PACKAGES),
         "devices": [f"{device.platform}: {device.device_kind}" for device in jax.devices()],
         "cores": os.cpu_count(),
         "opengl": _drawing(),

@@ -14,7 +14,6 @@ from crsfd_jax.drawing import video
 from crsfd_jax.files import remove_leftovers
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.progress import say
-from crsfd_jax.report.runs import CLIPS
 from crsfd_jax.viewer import film, live
 
 EPISODES = 2
@@ -25,7 +24,7 @@ Recorder = Callable[[Any, int], None]
 """(actor parameters [S, ...], env_steps) -> None."""
 
 
-def recorder(config: Config, folder: Path) -> Recorder:
+def recorder(config: Config, place: Path) -> Recorder:
     """Writes a clip of the first seed's policy whenever it is called, from the same starts.
 
     It plays in the native engine, apart from training. A clip that cannot be made is told and is
@@ -33,7 +32,7 @@ def recorder(config: Config, folder: Path) -> Recorder:
     """
     if not config.clips:
         return lambda actors, env_steps: None
-    place, is_working = folder / CLIPS, True
+    is_working = True
     arm = functools.cache(lambda: _arm(config))
     remove_leftovers(place)
 

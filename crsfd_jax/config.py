@@ -223,16 +223,14 @@ def from_dict(values: Mapping[str, Any]) -> Config:
 def _rebuild(kind: Any, values: Any) -> Any:
     hints = typing.get_type_hints(kind)
     if not isinstance(values, Mapping):
-        raise UserError(f"config.json: got {values!r}, expected the options of {kind.__name__}")
+        raise UserError(f"got {values!r}, expected the options of {kind.__name__}")
     if odd := values.keys() - hints.keys():
-        raise UserError(
-            f"config.json: options {', '.join(sorted(odd))} are unknown to this version"
-        )
+        raise UserError(f"options {', '.join(sorted(odd))} are unknown to this version")
     usual, made = kind(), {}
     for name, value in values.items():
         if dataclasses.is_dataclass(hints[name]):
             value = _rebuild(hints[name], value)
         elif not is_like(value, getattr(usual, name)):
-            raise UserError(f"config.json: {name} is {value!r}, not a value of that option")
+            raise UserError(f"{name} is {value!r}, not a value of that option")
         made[name] = tuple(value) if isinstance(value, list) else value
     return kind(**made)

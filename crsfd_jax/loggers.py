@@ -7,15 +7,15 @@ resumes, so that stops leave neither gaps nor duplicates. Names are those of its
 import contextlib
 import hashlib
 import importlib
-import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
-from crsfd_jax import extras, metrics
+from crsfd_jax import extras, manifest, metrics, run_folder
+from crsfd_jax.config import to_dict
+from crsfd_jax.manifest import Manifest
 
 _NEEDS = {"tensorboard": ("tb", "tensorboardX"), "wandb": ("wandb", "wandb")}
 """Extra and module of each tool."""
@@ -50,7 +50,7 @@ def opened(tool: str, folder: Path, seeds: range) -> Iterator[Callable[[], None]
 
     def update() -> None:
         nonlocal passed
-        rows = _rows(folder / "metrics.csv")
+        rows = _rows(run_folder.at(folder).metrics)
         write(rows[passed:])
         passed = len(rows)
 
@@ -83,7 +83,7 @@ def _tensorboard(folder: Path, seeds: range) -> Iterator[Write]:
         writers[seed] = EventsWriter(str(root / f"seed{seed}" / "events"))
         # A TensorBoard that is looking already shall forget what it has read.
         writers[seed].write_event(Event(session_log=SessionLog(status=SessionLog.START)))
-    newest = _rows(folder / "metrics.csv")[-1:]
+    newest = _rows(run_folder.at(folder).metrics)[-1:]
     began = time.time() - sum(row["time/wall_s"] for row in newest)
 
     def write(rows: Sequence[Row]) -> None:
@@ -112,7 +112,7 @@ def _wandb(folder: Path, seeds: range) -> Iterator[Write]:
     # Training never waits for a network: what is kept here can be uploaded with `wandb sync`.
     mode = os.environ.get("WANDB_MODE", "offline")
     shutil.rmtree(folder / "wandb", ignore_errors=True)
-    description = json.loads((folder / "config.json").read_bytes())
+    told = manifest.read(run_folder.at(folder).config)
     with contextlib.ExitStack() as stack:
         runs = {
             seed: stack.enter_context(
@@ -120,8 +120,8 @@ def _wandb(folder: Path, seeds: range) -> Iterator[Write]:
                     project=os.environ.get("WANDB_PROJECT", "crsfd_jax"),
                     group=folder.name,
                     name=f"{folder.name}-seed{seed}",
-                    id=_identity(folder.name, description, seed),
-                    config=description["config"] | {"seed": seed},
+                    id=_identity(folder.name, told, seed),
+                    config=to_dict(told.config) | {"seed": seed},
                     dir=folder,
                     mode=mode,
                     resume="allow",
@@ -146,8 +146,7 @@ def _values(row: Row) -> Row:
     return {name: value for name, value in row.items() if name not in metrics.KEY_COLUMNS}
 
 
-def _identity(name: str, description: Mapping[str, Any], seed: int) -> str:
+def _identity(name: str, told: Manifest, seed: int) -> str:
     """Same for all parts of a stopped and resumed run, other for one started anew or beside it."""
-    task = [description["config"][option] for option in ("shape", "shift")]
-    words = f"{name} {description['started']} {task} {seed}"
+    words = f"{name} {told.started} {[told.config.shape, told.config.shift]} {seed}"
     return hashlib.sha256(words.encode()).hexdigest()[:16]

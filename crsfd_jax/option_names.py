@@ -1,7 +1,10 @@
-"""Options by the names that the command line gives them."""
+"""Options by the names that the command line gives them, and which of them may change."""
 
 from collections.abc import Mapping
 from typing import Any
+
+MAY_CHANGE = ("out", "engine", "target", "log", "clips")
+"""Options that a run which goes on may be given anew; --steps may grow."""
 
 
 def by_full_name(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -12,19 +12,18 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
 from crsfd_jax.leaves import named_leaves
 
-FILE = "policy.npz"
 _MAX_BYTES = 2**30
 
 
-def save(folder: Path, actor: Any) -> None:
+def save(path: Path, actor: Any) -> None:
     """Writes the actor parameters of all seeds, [S, ...] each, all or nothing."""
     arrays = {name: np.asarray(leaf) for name, leaf in named_leaves(actor).items()}
     stream = io.BytesIO()
     np.savez(stream, **arrays)  # pyright: ignore[reportArgumentType]
-    write_atomically(folder / FILE, lambda out: out.write(stream.getvalue()))
+    write_atomically(path, lambda out: out.write(stream.getvalue()))
 
 
-def load(folder: Path, like: Any) -> Any:
+def load(path: Path, like: Any) -> Any:
     """Reads what `save` wrote.
 
     Args:
@@ -34,7 +33,6 @@ def load(folder: Path, like: Any) -> Any:
       UserError: the file is missing, damaged, or from networks of other sizes.
     """
     expected = named_leaves(like)
-    path = folder / FILE
     arrays = npz.read(path, {name: np.float32 for name in expected}, _MAX_BYTES)
     for name, leaf in expected.items():
         if arrays[name].shape != leaf.shape:

@@ -18,7 +18,7 @@ from crsfd_jax.config import Config, Replay
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
-from crsfd_jax.run_name import run_folder
+from crsfd_jax.run_name import default_folder
 from crsfd_jax.train_step import Learner, TrainState
 
 CHUNK_STEPS = 16
@@ -57,7 +57,7 @@ def fitted(config: Config, begun: Config | None = None) -> Config:
     if begun and config.replay.capacity == Replay().capacity:
         capacity = begun.replay.capacity
     replay = dataclasses.replace(config.replay, capacity=capacity)
-    return dataclasses.replace(config, replay=replay, out=run_folder(config))
+    return dataclasses.replace(config, replay=replay, out=default_folder(config))
 
 
 def total_steps(config: Config) -> int:

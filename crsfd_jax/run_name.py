@@ -4,16 +4,16 @@ import hashlib
 import re
 from typing import Any
 
-from crsfd_jax import artefacts, shapes
+from crsfd_jax import shapes
 from crsfd_jax.config import Config, to_dict
-from crsfd_jax.option_names import by_full_name
+from crsfd_jax.option_names import MAY_CHANGE, by_full_name
 from crsfd_jax.randomisation import TRAINING, Randomisation
 from crsfd_jax.smoke import smoke_sized
 from crsfd_jax.units import format_length
 
 _ELSEWHERE = ("algorithm", "shape", "shift", "seed", "seeds", "smoke")
 """Options that every name says."""
-_NOWHERE = ("steps", "evaluation.every", "evaluation.episodes", *artefacts.MAY_CHANGE)
+_NOWHERE = ("steps", "evaluation.every", "evaluation.episodes", *MAY_CHANGE)
 """How far a run goes, how closely it is looked at, and what may change while it goes on."""
 _LONGEST = 200
 """Letters; file systems allow 255 bytes."""
@@ -34,7 +34,7 @@ def run_name(config: Config) -> str:
     return name
 
 
-def run_folder(config: Config) -> str:
+def default_folder(config: Config) -> str:
     """Where a run lies: --out, or its name under runs/."""
     return config.out or f"runs/{run_name(config)}"
 

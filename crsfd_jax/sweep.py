@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
-from crsfd_jax import artefacts, cli
+from crsfd_jax import artefacts, cli, run_folder
 from crsfd_jax.errors import DONE, MISSED, STOPPED, UserError
 from crsfd_jax.interrupt import Interrupt
 from crsfd_jax.limits import Interval
@@ -127,7 +127,7 @@ def grouped(free: Sequence[Cell], out: Path, most: int) -> list[Group]:
     """Cells that go together, at most so many: alike, and as far as each other."""
     alike: dict[tuple, list[Cell]] = {}
     for cell in free:
-        saved = artefacts.saved_steps(out / cell.name / "checkpoints")
+        saved = artefacts.saved_steps(run_folder.at(out / cell.name).checkpoints)
         alike.setdefault((likeness(cell.config), *saved[:1]), []).append(cell)
     groups = [
         tuple(cells[start : start + most])

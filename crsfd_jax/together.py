@@ -4,15 +4,15 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from crsfd_jax import artefacts, shapes
+from crsfd_jax import shapes
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
-from crsfd_jax.option_names import by_full_name
-from crsfd_jax.run_name import run_folder
+from crsfd_jax.option_names import MAY_CHANGE, by_full_name
+from crsfd_jax.run_name import default_folder
 
 MARK = "--and"
 """Between the command lines of two runs."""
-OWN = ("shape", "shift", "seed", "seeds", *(n for n in artefacts.MAY_CHANGE if n != "engine"))
+OWN = ("shape", "shift", "seed", "seeds", *(n for n in MAY_CHANGE if n != "engine"))
 """Options that each of them may give a value of its own."""
 
 
@@ -49,7 +49,7 @@ def require_alike(configs: Sequence[Config]) -> None:
       UserError: the first option that differs and may not, or a folder that two have.
     """
     first, free = configs[0], ", ".join(f"--{name}" for name in OWN)
-    folders = [Path(run_folder(config)).absolute() for config in configs]
+    folders = [Path(default_folder(config)).absolute() for config in configs]
     for folder in folders:
         if folders.count(folder) > 1:
             raise UserError(f"--out: got {folder} twice, allowed: a folder for each run")

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import artefacts, metrics, policy
+from crsfd_jax import artefacts, metrics, policy, run_folder
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn.networks import Networks, Params, make_networks
@@ -40,9 +40,9 @@ def load(run: str | Path) -> Trained:
     Raises:
       UserError: the folder holds no run, or its policies are missing or damaged.
     """
-    config = artefacts.read_config(run)
-    if not (Path(run) / policy.FILE).exists():
-        raise UserError(f"{run}: has no policy yet, expected {policy.FILE}; let it train on")
+    config, file = artefacts.read_config(run), run_folder.at(run).policy
+    if not file.exists():
+        raise UserError(f"{run}: has no policy yet, expected {file.name}; let it train on")
     nets = make_networks(config.sac, ACTION_SIZE)
 
     def start(key):
@@ -51,7 +51,7 @@ def load(run: str | Path) -> Trained:
     def start_all():
         return jax.vmap(start)(jax.random.split(jax.random.key(0), config.seeds))
 
-    return Trained(config, nets, policy.load(Path(run), jax.eval_shape(start_all)))
+    return Trained(config, nets, policy.load(file, jax.eval_shape(start_all)))
 
 
 def choose(run: str | Path, config: Config, wanted: str) -> Chosen:
@@ -60,7 +60,7 @@ def choose(run: str | Path, config: Config, wanted: str) -> Chosen:
     Raises:
       UserError: the run has no such seed, or no evaluation yet.
     """
-    table = metrics.read(Path(run) / "metrics.csv")
+    table = metrics.read(run_folder.at(run).metrics)
     if not len(table["env_steps"]):
         raise UserError(f"{run}: has no evaluation yet; let it train on")
     newest = table["env_steps"] == table["env_steps"].max()

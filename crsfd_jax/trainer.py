@@ -33,7 +33,8 @@ from crsfd_jax.program import (
     total_steps,
 )
 from crsfd_jax.progress import progress, say
-from crsfd_jax.run_name import run_folder
+from crsfd_jax.run_folder import RunFolder
+from crsfd_jax.run_name import default_folder
 from crsfd_jax.standing import Standing
 from crsfd_jax.train_step import TrainState
 
@@ -65,8 +66,7 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
         program = build(configs, demos)
         size = stored_bytes(jax.eval_shape(program.start))
         seeds = sum(config.seeds for config in configs)
-        for folder in folders:
-            # They may lie on one disk.
+        for folder in folders:  # They may lie on one disk.
             artefacts.refuse_full_disk(folder, size)
         say(f"device    {words}")
         if jax.device_count() > 1:
@@ -86,7 +86,7 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
 def run(
     configs: Sequence[Config],
     program: Program,
-    folders: Sequence[artefacts.RunFolder],
+    folders: Sequence[RunFolder],
     interrupt: Interrupt,
 ) -> int:
     """Starts or resumes, and goes on to the end or to a signal; returns the exit code."""
@@ -134,7 +134,7 @@ def save_is_due(save_s: float, since_s: float) -> bool:
 
 def _fitted(configs: Sequence[Config]) -> list[Config]:
     """With the sizes that follow from what the first process has in the run folders."""
-    own = [to_dict(fitted(config, artefacts.begun(run_folder(config)))) for config in configs]
+    own = [to_dict(fitted(config, artefacts.begun(default_folder(config)))) for config in configs]
     return [from_dict(each) for each in json.loads(spread.text_from_first(json.dumps(own)))]
 
 
@@ -230,7 +230,7 @@ def _places(configs: Sequence[Config]) -> Iterator[list[str]]:
 
 
 @contextlib.contextmanager
-def _memory_reported(folders: Sequence[artefacts.RunFolder]) -> Iterator[None]:
+def _memory_reported(folders: Sequence[RunFolder]) -> Iterator[None]:
     try:
         yield
     except (MemoryError, jax.errors.JaxRuntimeError) as error:

@@ -4,35 +4,33 @@ python experiments/collect.py runs/setting2 runs/setting1/CELL
 python -m crsfd_jax.report experiments/results --out docs/results
 """
 
-import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
 
-from crsfd_jax import cli
+from crsfd_jax import cli, manifest, run_folder
 from crsfd_jax.errors import UserError
-from crsfd_jax.sweeps.state import TRIALS
+from crsfd_jax.run_folder import RunFolder
 
 RESULTS = Path(__file__).parent / "results"
-PRIVATE = ("out", "demos")
-"""Options that may hold a path of the machine."""
 
 
-def collect(run: Path) -> Path:
-    """Copies one run folder's tables and config.json under its experiment's name and its own."""
-    manifest = json.loads((run / "config.json").read_text())
-    del manifest["command"]
-    for option in PRIVATE:
-        manifest["config"][option] = Path(manifest["config"][option]).name
-    folder = RESULTS / run.resolve().parent.name
+def collect(run: RunFolder) -> Path:
+    """Copies a run's tables and config.json under its experiment's name and its own."""
+    told, path = manifest.read(run.config), run.path.resolve()
+    folder, name = RESULTS / path.parent.name, path.name
     folder.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(run / "metrics.csv", folder / f"{run.name}.csv")
-    if (run / TRIALS).exists():
-        shutil.copyfile(run / TRIALS, folder / f"{run.name}-{TRIALS}")
-    (folder / f"{run.name}.json").write_text(json.dumps(manifest, indent=1) + "\n")
-    return folder / f"{run.name}.csv"
+    # What may hold a path of this machine.
+    config = replace(
+        told.config, out=Path(told.config.out).name, demos=Path(told.config.demos).name
+    )
+    manifest.write(folder / f"{name}.json", told._replace(config=config, command=()))
+    shutil.copyfile(run.metrics, folder / f"{name}.csv")
+    if run.trials.exists():
+        shutil.copyfile(run.trials, folder / f"{name}-{run.trials.name}")
+    return folder / f"{name}.csv"
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ def main(argv: list[str]) -> None:
         if not found:
             raise UserError(f"{folder}: no run in it; give the folder of a run or one with runs")
         for config in found:
-            print(collect(config.parent))
+            print(collect(run_folder.at(config.parent)))
 
 
 if __name__ == "__main__":

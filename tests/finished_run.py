@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crsfd_jax import artefacts, config, metrics, policy
+from crsfd_jax import config, manifest, metrics, policy
 from crsfd_jax.observation import OBS_SIZE
 
 WIDTH = 11
@@ -20,13 +20,13 @@ def write(folder: Path, options: config.Config = OPTIONS) -> Path:
     folder.mkdir()
     told = {
         "config": dataclasses.asdict(options),
-        "versions": artefacts.versions(),
+        "versions": manifest.versions(),
         "device": "none",
         "started": "2026-01-02T03:04:05+00:00",
     }
     (folder / "config.json").write_text(json.dumps(told))
     layers = [np.stack(pair) for pair in zip(random_actor(), expert_actor(), strict=True)]
-    policy.save(folder, as_parameters(layers))
+    policy.save(folder / "policy.npz", as_parameters(layers))
     metrics.append(folder / "metrics.csv", [row(s, t) for t in (1000, 2000) for s in (3, 4)])
     return folder
 

@@ -13,7 +13,8 @@ ORDER = tuple(
     errors extras units types intervals files option_names limits shapes option_types
     randomisation config smoke validation cli keywords interrupt compile_cache progress leaves
     npz metrics troubles
-    loggers policy artefacts run_name together array_store checkpoints divergence
+    run_folder manifest loggers policy artefacts run_name together array_store checkpoints
+    divergence
     sweeps
     scene.digits scene.build scene.kinematics drawing
     physics.interface physics.host_call physics.native physics.mjx physics.select

@@ -12,7 +12,7 @@ from collections import namedtuple
 
 import pytest
 
-from crsfd_jax import artefacts
+from crsfd_jax import artefacts, manifest
 from crsfd_jax.artefacts import open_run, refuse_full_disk
 from crsfd_jax.config import Config, Sac
 from crsfd_jax.errors import UserError
@@ -237,7 +237,7 @@ def test_a_disk_without_room_for_the_checkpoints_is_refused(tmp_path, monkeypatc
 
 def test_other_versions_are_told_when_a_run_is_continued(tmp_path, monkeypatch, caplog):
     enter(tmp_path / "run")
-    monkeypatch.setattr(artefacts, "versions", lambda: {"jax": "9.9"})
+    monkeypatch.setattr(manifest, "versions", lambda: {"jax": "9.9"})
     enter(tmp_path / "run")
     assert "9.9" in caplog.text and "versions" in caplog.text
 

@@ -41,7 +41,7 @@ def pictures(path):
 def test_a_clip_is_a_small_film_of_the_first_seed_with_the_same_starts_each_time(tmp_path):
     (tmp_path / "clips").mkdir()
     (tmp_path / "clips" / ".64.gif.killed.tmp").write_bytes(b"GIF89a")
-    record = clips.recorder(OPTIONS, tmp_path)
+    record = clips.recorder(OPTIONS, tmp_path / "clips")
     record(actors(EXPERT, RANDOM), 64)
     record(actors(RANDOM, EXPERT), 128)
     files = sorted((tmp_path / "clips").iterdir())
@@ -67,7 +67,7 @@ def test_a_renderer_that_fails_is_told_once_and_stops_nothing(tmp_path, monkeypa
         raise RuntimeError("the driver is gone")
 
     monkeypatch.setattr(film, "record", fail)
-    record = clips.recorder(OPTIONS, tmp_path)
+    record = clips.recorder(OPTIONS, tmp_path / "clips")
     for env_steps in (64, 128):
         record(actors(EXPERT, RANDOM), env_steps)
     assert len(tried) == 1 and not list(tmp_path.glob("clips/*.gif"))

@@ -28,6 +28,7 @@ def evaluate(folder, *env_steps):
 @pytest.fixture
 def folder(tmp_path):
     told = {"started": "2026-01-02T03:04:05+00:00", "config": {"shape": "2"}}
+    told |= {"versions": {"jax": "1.2.3"}, "device": "none"}
     (tmp_path / "config.json").write_text(json.dumps(told))
     return tmp_path
 

@@ -19,8 +19,8 @@ ACTOR = {
 
 @pytest.fixture
 def file(tmp_path):
-    policy.save(tmp_path, ACTOR)
-    return tmp_path / policy.FILE
+    policy.save(tmp_path / "policy.npz", ACTOR)
+    return tmp_path / "policy.npz"
 
 
 def rewritten(file, **changes):
@@ -31,13 +31,13 @@ def rewritten(file, **changes):
 
 def refusal(file, like=ACTOR) -> str:
     with pytest.raises(UserError) as error:
-        policy.load(file.parent, like)
+        policy.load(file, like)
     assert error.value.exit_code == 2 and str(file) in str(error.value)
     return str(error.value)
 
 
 def test_what_is_saved_is_loaded_bit_for_bit(file):
-    loaded = policy.load(file.parent, jax.eval_shape(lambda: ACTOR))
+    loaded = policy.load(file, jax.eval_shape(lambda: ACTOR))
     jax.tree.map(np.testing.assert_array_equal, loaded, ACTOR)
 
 
@@ -57,11 +57,11 @@ def test_a_file_cut_short_anywhere_is_refused(file):
 def test_python_objects_are_never_made(file):
     class Trap:
         def __reduce__(self):
-            return (os.mkdir, (str(file.parent / "sprung"),))
+            return (os.mkdir, (str(file / "sprung"),))
 
     rewritten(file, bias=np.array([Trap()], object))
     assert "contains Python objects; refused" in refusal(file)
-    assert not (file.parent / "sprung").exists()
+    assert not (file / "sprung").exists()
 
 
 def test_an_archive_that_unpacks_to_too_much_is_refused_before_unpacking(file, monkeypatch):

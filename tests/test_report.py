@@ -122,7 +122,9 @@ def test_what_is_no_run_is_named_and_left_out(tmp_path):
     damaged = make_run(tmp_path / "damaged")
     (damaged / "config.json").write_text('{"config": ')
     make_run(tmp_path / "foreign")
-    (tmp_path / "foreign" / "config.json").write_text('{"config": {"shape": 2}}')
+    described = json.loads((tmp_path / "foreign" / "config.json").read_text())
+    described["config"]["shape"] = 2
+    (tmp_path / "foreign" / "config.json").write_text(json.dumps(described))
     (tmp_path / "lonely.csv").write_text("env_steps,seed\n1,0\n")
     (tmp_path / "prices.csv").write_text("fruit,price\napple,1\n")
     found = runs.find([tmp_path])

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crsfd_jax import artefacts, metrics, policy, sweep
+from crsfd_jax import artefacts, metrics, sweep
 from crsfd_jax.config import ALGORITHMS, Config, Evaluation
 from crsfd_jax.demos import builtin
 from crsfd_jax.errors import UserError
@@ -221,9 +221,9 @@ def test_more_steps_or_a_lost_file_make_a_finished_cell_unfinished(file, out):
     assert state.is_finished(folder, cell.config)
     assert not state.is_finished(folder, replace(cell.config, seed=1))
     assert not state.is_finished(folder, replace(cell.config, steps=5000))
-    (folder / policy.FILE).rename(folder / "away")
+    (folder / "policy.npz").rename(folder / "away")
     assert not state.is_finished(folder, cell.config)
-    (folder / "away").rename(folder / policy.FILE)
+    (folder / "away").rename(folder / "policy.npz")
     metrics.truncate(folder / "metrics.csv", STEPS[-2])
     assert not state.is_finished(folder, cell.config)
 

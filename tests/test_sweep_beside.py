@@ -7,7 +7,7 @@ import pytest
 
 from crsfd_jax import metrics, sweep
 from crsfd_jax.errors import UserError
-from crsfd_jax.sweeps import attempt, cells, demonstrations, state
+from crsfd_jax.sweeps import attempt, cells, demonstrations
 
 ROOT = Path(__file__).parents[1]
 FAKE_TRAIN = (sys.executable, str(Path(__file__).parent / "fake_train.py"))
@@ -45,7 +45,7 @@ def test_each_cell_has_its_trials_once_it_is_trained(file):
     assert swept(file) == 0
     for cell in cells.load(str(file)).cells:
         folder = Path.cwd() / "runs" / "beside" / cell.name
-        table = folder / state.TRIALS
+        table = folder / "trials.csv"
         assert table.read_text() == f"{folder} --held-out --episodes 7 --csv {table}"
         written = table.stat().st_mtime_ns
         assert swept(file) == 0
@@ -55,27 +55,27 @@ def test_each_cell_has_its_trials_once_it_is_trained(file):
 
 def test_a_cell_without_its_trials_is_not_done(file, capsys):
     swept(file, "--only", NAME)
-    (Path("runs/beside") / NAME / state.TRIALS).unlink()
+    (Path("runs/beside") / NAME / "trials.csv").unlink()
     capsys.readouterr()
     swept(file, "--status", "--only", NAME)
     assert "1 stopped" in capsys.readouterr().out
     assert swept(file, "--only", NAME) == 0
-    assert (Path("runs/beside") / NAME / state.TRIALS).exists()
+    assert (Path("runs/beside") / NAME / "trials.csv").exists()
 
 
 def test_a_run_that_goes_on_has_its_trials_again(file):
     swept(file, "--only", NAME)
     run = Path("runs/beside") / NAME
-    (run / state.TRIALS).write_text("old")
+    (run / "trials.csv").write_text("old")
     metrics.truncate(run / "metrics.csv", 1024)
     assert swept(file, "--only", NAME) == 0
-    assert "--held-out" in (run / state.TRIALS).read_text()
+    assert "--held-out" in (run / "trials.csv").read_text()
 
 
 def test_trials_that_fail_are_tried_again_and_then_listed(file, monkeypatch, capsys):
     monkeypatch.setattr(attempt, "EVALUATE", fake(TWICE + "first and sys.exit(1); out.touch()"))
     assert swept(file, "--only", NAME) == 0
-    (Path("runs/beside") / NAME / state.TRIALS).unlink()
+    (Path("runs/beside") / NAME / "trials.csv").unlink()
     monkeypatch.setattr(attempt, "EVALUATE", fake("raise SystemExit('no arm')"))
     assert swept(file, "--only", NAME) == 1
     assert "no arm" in capsys.readouterr().out

@@ -2,7 +2,7 @@
 
 import datetime
 
-from crsfd_jax import artefacts, config
+from crsfd_jax import config, manifest
 from crsfd_jax.demos.provenance import Provenance, obs_layout
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.randomisation import Randomisation
@@ -41,6 +41,6 @@ def provenance(
         noise=noise,
         seed=seed,
         command=command,
-        versions=artefacts.versions(),
+        versions=manifest.versions(),
         date=datetime.datetime.now(datetime.UTC).date().isoformat(),
     )

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from crsfd_jax import artefacts, task
+from crsfd_jax import manifest, task
 from crsfd_jax.env import SETPOINT_HIGH, SETPOINT_LOW, SUCCESS_DEPTH, rest_posture
 from crsfd_jax.observation import ACTION_SIZE, CLIP, OBS_SIZE, OBSERVATION
 from crsfd_jax.physics.interface import CONTROL_DT
@@ -58,7 +58,7 @@ def describe(trained: Trained, chosen: Chosen, file: str) -> dict[str, Any]:
             "success_rate": chosen.success,
             "episodes": chosen.episodes,
         },
-        "versions": artefacts.versions(),
+        "versions": manifest.versions(),
     }
 
 

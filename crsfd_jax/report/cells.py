@@ -1,14 +1,14 @@
 """Runs of the same method on the same task, put together: a cell of a table."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from crsfd_jax import artefacts, shapes
+from crsfd_jax import shapes
 from crsfd_jax.config import Config, to_dict
-from crsfd_jax.option_names import by_full_name
+from crsfd_jax.option_names import MAY_CHANGE, by_full_name
 from crsfd_jax.report.curves import Curve
 from crsfd_jax.report.methods import WITHOUT_INTERACTION, method_of, rank
 from crsfd_jax.report.runs import Run
@@ -17,7 +17,7 @@ from crsfd_jax.report.words import in_words
 
 # What a run is told apart by, or what says nothing about what is learned.
 _ASIDE = {"algorithm", "shape", "shift", "seed", "seeds", "steps", "replay.capacity"}
-_ASIDE |= {*artefacts.MAY_CHANGE} - {"engine"}
+_ASIDE |= {*MAY_CHANGE} - {"engine"}
 _TASK = ("scene.", "mdp.", "randomisation.")
 """Options that define the task, besides shape and shift."""
 
@@ -33,9 +33,9 @@ class Task(NamedTuple):
         return f"shape {self.shape}, {shift}"
 
 
-def task_of(options: Mapping[str, Any]) -> Task:
+def task_of(config: Config) -> Task:
     """The task of a run with these options."""
-    return Task(shapes.label(options["shape"]), round(options["shift"] * 1e3, 6))
+    return Task(shapes.label(config.shape), round(config.shift * 1e3, 6))
 
 
 class Cell(NamedTuple):
@@ -81,10 +81,10 @@ def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
     usual = _usual_options(runs)
     groups: dict[tuple, list[Run]] = {}
     for run in runs:
-        method = method_of(run.options)
-        task = task_of(run.options)
+        config = run.manifest.config
+        method = method_of(config)
         changed = _changed(run.options, usual[method])
-        place = method, task, tuple(changed.items()), run.options["steps"]
+        place = method, task_of(config), tuple(changed.items()), config.steps
         groups.setdefault(place, []).append(run)
     cells, left_out = [], []
     for (method, task, changed, steps), group in groups.items():
@@ -113,9 +113,9 @@ def _usual_options(runs: Sequence[Run]) -> dict[str, dict[str, Any]]:
     default, seen = by_full_name(to_dict(Config())), {}
     for run in runs:
         for name, value in run.options.items():
-            method = "" if name.startswith(_TASK) else method_of(run.options)
+            method = "" if name.startswith(_TASK) else method_of(run.manifest.config)
             seen.setdefault((method, name), Counter())[value] += 1
-    usual = {method_of(run.options): {} for run in runs}
+    usual = {method_of(run.manifest.config): {} for run in runs}
     for (method, name), counter in seen.items():
         most = max(counter, key=lambda v, c=counter, n=name: (c[v], v == default.get(n)))
         for options in [usual[method]] if method else usual.values():

@@ -2,6 +2,8 @@
 
 from typing import Any, NamedTuple
 
+from crsfd_jax.config import Config
+
 WITHOUT_FREE_SPACE = "crsfd_no_free_space"
 WITHOUT_LARGER_GAMMA = "crsfd_same_gamma"
 ARMS = (WITHOUT_FREE_SPACE, WITHOUT_LARGER_GAMMA)
@@ -42,16 +44,12 @@ _OTHERS = ("#AA4499", "#44AA99", "#A6761D", "#666666", "#88CCEE", "#DDCC77")
 _VARIANT_DASHES = ((0, (5, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (1, 1)))
 
 
-def method_of(options: dict[str, Any]) -> str:
-    """The method of a run; CRSfD with a part switched off by its options is that ablation.
-
-    Args:
-      options: full name, such as potential.gamma, -> value.
-    """
-    name = options["algorithm"]
-    if name == "crsfd" and options["potential.free_space_weight"] == 0:
+def method_of(config: Config) -> str:
+    """The method of a run; CRSfD with a part switched off by its options is that ablation."""
+    name = config.algorithm
+    if name == "crsfd" and config.potential.free_space_weight == 0:
         return WITHOUT_FREE_SPACE
-    if name == "crsfd" and options["potential.gamma"] == options["sac.gamma"]:
+    if name == "crsfd" and config.potential.gamma == config.sac.gamma:
         return WITHOUT_LARGER_GAMMA
     return name
 

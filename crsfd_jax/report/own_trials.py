@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from crsfd_jax import manifest, run_folder
 from crsfd_jax.errors import UserError
 from crsfd_jax.report import transfer
 from crsfd_jax.report.cells import Task, task_of
 from crsfd_jax.report.methods import rank
-from crsfd_jax.sweeps.state import TRIALS
 
 
 class Trials(NamedTuple):
@@ -33,14 +33,14 @@ def find(roots: Sequence[str | Path]) -> tuple[list[Trials], list[str]]:
     for path in sorted({path for root in roots for path in _tables(Path(root))}):
         try:
             if described := transfer.config_of(path):
-                options = transfer.options_of(described)
+                config = manifest.read(described).config
                 counted = transfer.totals(path).items()
-                task = task_of(options)
-                found += [Trials(task, options["algorithm"], shape, *n) for shape, n in counted]
+                task = task_of(config)
+                found += [Trials(task, config.algorithm, shape, *n) for shape, n in counted]
         except UserError as error:
             skipped.append(str(error))
     return sorted(found, key=lambda t: (t.task, rank(t.method), t.shape)), skipped
 
 
 def _tables(root: Path) -> set[Path]:
-    return set(root.rglob(f"*{TRIALS}")) - set(transfer.tables(root))
+    return set(root.rglob(f"*{run_folder.at('').trials.name}")) - set(transfer.tables(root))

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from crsfd_jax import run_folder
 from crsfd_jax.errors import UserError
 from crsfd_jax.files import write_atomically
 from crsfd_jax.report import cells as grouping
@@ -209,7 +210,7 @@ def _films(cells: Sequence[Cell]) -> str:
             large.append(f"{path}: no room for it in this page")
             continue
         left -= size
-        is_clip = path.parent.name == runs.CLIPS and path.stem.isdecimal()
+        is_clip = path.parent == run_folder.at(path.parent.parent).clips and path.stem.isdecimal()
         age = f", {int(path.stem):,} steps" if is_clip else ""
         shown.append(html.media(path, f"{cell.task}: {tables.name(cell)}{age}"))
     if not found:

@@ -1,24 +1,20 @@
 """Finds runs in folders and reads them; what is no run, or is damaged, is named and left out."""
 
-import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from crsfd_jax import metrics, troubles
-from crsfd_jax.config import Config, to_dict
+from crsfd_jax import manifest, metrics, run_folder, troubles
+from crsfd_jax.config import to_dict
 from crsfd_jax.errors import UserError
+from crsfd_jax.manifest import Manifest
 from crsfd_jax.option_names import by_full_name
 from crsfd_jax.report.curves import Curve, curve
 
 SUCCESS = "eval/success_rate"
-CLIPS = "clips"
-"""Folder in that of a run, with a film STEPS.gif for each evaluation."""
 _FILMS = (".gif", ".mp4", ".webm")
-_NEEDED = {"shape": str, "shift": (int, float), "algorithm": str, "steps": int}
 _FOREIGN = ("checkpoints", "report", "__pycache__")
 """Folders in which no run is looked for."""
 
@@ -28,10 +24,8 @@ class Run(NamedTuple):
 
     name: str
     """Where it was found, as short as tells it apart."""
-    options: dict[str, Any]
-    """Full name, such as potential.gamma, -> value; defaults where an older run has no value."""
-    about: dict[str, Any]
-    """What else config.json says: versions, device, started."""
+    manifest: Manifest
+    """What config.json says."""
     curve: Curve
     """Success of each seed against environment steps."""
     seeds: np.ndarray
@@ -43,6 +37,11 @@ class Run(NamedTuple):
     newest of what else was filmed."""
     troubles: list[str]
     """Seeds that diverged, simulations that broke down or met limits; a line each."""
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Full name, such as potential.gamma, -> value."""
+        return by_full_name(to_dict(self.manifest.config))
 
 
 class Found(NamedTuple):
@@ -86,8 +85,9 @@ def _candidates(root: Path) -> Iterator[tuple[Path, Path, str]]:
         if any(part in _FOREIGN or part.startswith(".") for part in inner.parts):
             continue
         name = str(inner) if inner.parts else root.resolve().name
-        if (folder / "config.json").exists():
-            yield folder / "metrics.csv", folder / "config.json", name
+        run = run_folder.at(folder)
+        if run.config.exists():
+            yield run.metrics, run.config, name
         else:
             for table in sorted(folder.glob("*.csv")):
                 yield table, table.with_suffix(".json"), str(inner / table.stem)
@@ -97,64 +97,46 @@ def _read_into(found: Found, table: Path, config: Path, name: str) -> None:
     try:
         if not _is_metrics(table):
             return
-        manifest = _read_manifest(config)
+        if not config.exists():
+            raise UserError(f"{table}: no {config.name} beside it")
+        told = manifest.read(config)
         columns = metrics.read(table)
         if SUCCESS not in columns or not len(columns["env_steps"]):
             raise UserError(f"{table}: holds no evaluation yet")
-        found.runs.append(_run(name, table, manifest, columns))
+        found.runs.append(_run(name, table, told, columns))
     except UserError as error:
         found.skipped.append(str(error))
 
 
 def _is_metrics(table: Path) -> bool:
     """False for tables of another kind that lie among metrics."""
-    if table.name == "metrics.csv" or not table.exists():
+    if _is_of_folder(table) or not table.exists():
         return True
     with table.open("rb") as stream:
         return stream.readline().startswith(b"env_steps,seed")
 
 
-def _run(name: str, table: Path, manifest: dict, columns: Mapping[str, np.ndarray]) -> Run:
+def _is_of_folder(table: Path) -> bool:
+    return table == run_folder.at(table.parent).metrics
+
+
+def _run(name: str, table: Path, told: Manifest, columns: Mapping[str, np.ndarray]) -> Run:
     wall = columns.get("time/wall_s", np.array([np.nan]))
     return Run(
         name=name,
-        options=by_full_name(to_dict(Config())) | _hashable(by_full_name(manifest["config"])),
-        about={key: value for key, value in manifest.items() if key != "config"},
+        manifest=told,
         curve=curve(columns, SUCCESS),
         seeds=np.unique(columns["seed"]),
         wall_s=float(wall.max()),
-        films=_films(table.parent) if table.name == "metrics.csv" else (),
+        films=_films(table.parent) if _is_of_folder(table) else (),
         troubles=[*troubles.diverged(columns), *filter(None, [troubles.words(columns)])],
     )
 
 
 def _films(folder: Path) -> tuple[Path, ...]:
-    clips = [path for path in (folder / CLIPS).glob("*.gif") if path.stem.isdecimal()]
+    clips = [path for path in run_folder.at(folder).clips.glob("*.gif") if path.stem.isdecimal()]
     clips.sort(key=lambda path: int(path.stem))
     chosen = dict.fromkeys(clips[i] for i in (0, len(clips) // 2, -1)) if clips else {}
     others = [path for path in folder.rglob("*") if path.suffix in _FILMS and path not in clips]
     newest = sorted(others, key=lambda path: path.stat().st_mtime)[-1:]
     return (*chosen, *newest)
-
-
-def _read_manifest(path: Path) -> dict[str, Any]:
-    try:
-        manifest = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        raise UserError(f"{path.with_suffix('.csv')}: no {path.name} beside it") from None
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: cannot be read: {error}") from error
-    config = manifest.get("config") if isinstance(manifest, dict) else None
-    if not isinstance(config, dict):
-        raise UserError(f"{path}: is not the description of a run")
-    for name, kind in _NEEDED.items():
-        if not isinstance(config.get(name), kind) or config[name] is True:
-            raise UserError(f"{path}: {name} is {config.get(name)!r}, not that of a run")
-    if not math.isfinite(config["shift"]):
-        raise UserError(f"{path}: shift is {config['shift']}, not that of a run")
-    return manifest
-
-
-def _hashable(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Lists, which JSON made of tuples, are tuples again."""
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in options.items()}

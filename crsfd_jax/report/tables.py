@@ -94,13 +94,12 @@ def machines(cells: Sequence[Cell]) -> Table:
     """What the runs were made on and with, and when."""
     groups: dict[tuple[str, str], list] = {}
     for run in (run for cell in cells for run in cell.runs):
-        versions = run.about.get("versions")
-        known = versions.items() if isinstance(versions, dict) else ()
-        text = ", ".join(f"{package} {version}" for package, version in known) or "not recorded"
-        groups.setdefault((str(run.about.get("device", "not recorded")), text), []).append(run)
+        told = run.manifest
+        text = ", ".join(f"{package} {version}" for package, version in told.versions.items())
+        groups.setdefault((told.device, text), []).append(run)
     rows = []
     for (device, versions), runs in groups.items():
-        dates = sorted(str(run.about.get("started", "not recorded"))[:10] for run in runs)
+        dates = sorted((run.manifest.started or "not recorded")[:10] for run in runs)
         span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
         wall = duration(math.fsum(run.wall_s for run in runs))
         rows.append((device, versions, span, str(len(runs)), wall))

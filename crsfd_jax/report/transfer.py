@@ -1,13 +1,13 @@
 """Trials of trained policies under conditions that training never saw, from CSV files."""
 
 import csv
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from crsfd_jax.config import Config, to_dict
+from crsfd_jax import manifest, run_folder
 from crsfd_jax.errors import UserError
+from crsfd_jax.randomisation import Randomisation
 from crsfd_jax.report.methods import rank, style
 
 COLUMNS = ("shape", "trials", "successes")
@@ -47,7 +47,7 @@ def find(roots: Sequence[str | Path]) -> tuple[list[Transfer], list[str]]:
     for path in sorted({path for root in roots for path in tables(Path(root))}):
         try:
             config = config_of(path)
-            method, randomised = _training(options_of(config)) if config else ("crsfd", True)
+            method, randomised = _training(config) if config else ("crsfd", True)
             for shape, counts in totals(path).items():
                 each = Transfer(method, randomised, shape, *counts)
                 place = (config or path.parent, each.method, each.shape)
@@ -77,22 +77,8 @@ def tables(root: Path) -> Iterator[Path]:
 def config_of(path: Path) -> Path | None:
     """The file that describes the run of a table."""
     described = [file for file in path.parent.glob("*.json") if path.stem.startswith(file.stem)]
-    described += [file for file in [path.parent / "config.json"] if file.exists()]
+    described += [file for file in [run_folder.at(path.parent).config] if file.exists()]
     return max(described, key=lambda file: len(file.stem), default=None)
-
-
-def options_of(path: Path) -> dict[str, Any]:
-    """The options of a run by such a file.
-
-    Raises:
-      UserError: it is no description of a run.
-    """
-    try:
-        options = json.loads(path.read_bytes())["config"]
-        kinds = {"algorithm": str, "shape": str, "shift": float, "randomisation": dict}
-        return {name: kind(options[name]) for name, kind in kinds.items()}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UserError(f"{path}: is not the description of a run") from error
 
 
 def totals(path: Path) -> dict[str, tuple[int, int]]:
@@ -119,7 +105,7 @@ def totals(path: Path) -> dict[str, tuple[int, int]]:
     return {shape: counts for shape, counts in counted.items() if counts[1]}
 
 
-def _training(options: dict[str, Any]) -> tuple[str, bool]:
+def _training(described: Path) -> tuple[str, bool]:
     """The method of a run, and whether it was randomised."""
-    plain = json.loads(json.dumps(to_dict(Config())["randomisation"]))
-    return options["algorithm"], options["randomisation"] != plain
+    config = manifest.read(described).config
+    return config.algorithm, config.randomisation != Randomisation()

@@ -1,6 +1,5 @@
 """Pictures of the potential that shapes CRSfD's rewards, with the demonstrations drawn in."""
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from matplotlib.patches import Rectangle
 from crsfd_jax import algorithms, free_space
 from crsfd_jax.algorithms import crsfd
 from crsfd_jax.algorithms.method import Preparation
-from crsfd_jax.config import Config, Potential, Scene
+from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.learn import potential
@@ -44,8 +43,8 @@ def draw_of(cells: Sequence[Cell], path: Path) -> str:
     Raises:
       UserError: their demonstrations cannot be used.
     """
-    options = next((c.runs[0].options for c in cells if c.method == "crsfd" and not c.variant), {})
-    config = _config(options)
+    ours = (c.runs[0].manifest.config for c in cells if c.method == "crsfd" and not c.variant)
+    config = next(ours, Config())
     draw(*fit(config), path)
     return (
         "The potential that shapes the rewards, fitted as in training with a shift of "
@@ -79,18 +78,6 @@ def fit(config: Config) -> tuple[Phi, np.ndarray]:
         return np.asarray(potential.evaluate(fitted, features))
 
     return phi, tracks(demos)
-
-
-def _config(options: dict[str, Any]) -> Config:
-    """Default options but for those that the potential depends on, by their full names."""
-    parts = {}
-    for name, group in (("potential", Potential), ("scene", Scene)):
-        names = {field.name for field in dataclasses.fields(group)}
-        known = {n: options[f"{name}.{n}"] for n in names if f"{name}.{n}" in options}
-        parts[name] = group(**known)
-    names = ("demos", "demo_episodes", "shift")
-    chosen = {name: options[name] for name in names if name in options}
-    return Config(**chosen, **parts)
 
 
 def tracks(demos: Demonstrations) -> np.ndarray:

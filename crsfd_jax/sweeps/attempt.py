@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 
-from crsfd_jax import artefacts, together
+from crsfd_jax import run_folder, together
 from crsfd_jax.errors import DONE, STOPPED, USAGE
 from crsfd_jax.sweeps import state
 from crsfd_jax.sweeps.cells import Cell
@@ -68,7 +68,7 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
                 logs[cell] = log
                 if not state.is_finished(plan.out / cell.name, cell.config):
                     # Trials of a run that now goes on are not those of its policy.
-                    (plan.out / cell.name / state.TRIALS).unlink(missing_ok=True)
+                    run_folder.at(plan.out / cell.name).trials.unlink(missing_ok=True)
                 continue
             outcomes.append(Outcome(cell.name, "busy"))
             if log is not None:
@@ -131,7 +131,7 @@ def _persist(
 
 
 def _is_held(cell: Cell, plan: Plan) -> bool:
-    return state.is_held(plan.out / cell.name / artefacts.LOCK)
+    return state.is_held(run_folder.at(plan.out / cell.name).lock)
 
 
 def command_of(group: Iterable[Cell], plan: Plan) -> list[str]:
@@ -145,7 +145,7 @@ def command_of(group: Iterable[Cell], plan: Plan) -> list[str]:
 def trials_of(cell: Cell, plan: Plan) -> list[str]:
     """The command that plays the trials of a cell."""
     folder = plan.out / cell.name
-    return [*EVALUATE, str(folder), *cell.trials, "--csv", str(folder / state.TRIALS)]
+    return [*EVALUATE, str(folder), *cell.trials, "--csv", str(run_folder.at(folder).trials)]
 
 
 def _run(

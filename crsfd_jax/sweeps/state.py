@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 
-from crsfd_jax import artefacts, metrics
+from crsfd_jax import artefacts, metrics, run_folder
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
+from crsfd_jax.option_names import MAY_CHANGE
 from crsfd_jax.sweeps.cells import Cell
 
-_POLICY = "policy.npz"
-TRIALS = "trials.csv"
-"""In the run folder of a cell that has trials."""
 GAVE_UP = "sweep: gave up"
 """Start of the last line in the log of a cell that failed."""
 
@@ -40,7 +38,7 @@ def read(out: Path, cell: Cell) -> State:
     """The state of a cell in the folder of its sweep."""
     folder, log = out / cell.name, log_path(out, cell)
     state = _measured(folder)
-    if is_held(log) or is_held(folder / artefacts.LOCK):
+    if is_held(log) or is_held(run_folder.at(folder).lock):
         return state._replace(word="running")
     if is_done(out, cell):
         return state._replace(word="done")
@@ -57,20 +55,21 @@ def is_done(out: Path, cell: Cell) -> bool:
 
 def has_trials(out: Path, cell: Cell) -> bool:
     """Whether the trials of a cell, if it has any, have been played."""
-    return not cell.trials or (out / cell.name / TRIALS).is_file()
+    return not cell.trials or run_folder.at(out / cell.name).trials.is_file()
 
 
 def is_finished(folder: Path, config: Config) -> bool:
     """Whether a folder holds this run, evaluated at its last step, with the policy of that step."""
+    run = run_folder.at(folder)
     try:
         same = _same_run(artefacts.read_config(folder), config)
-        env_steps = metrics.read(folder / "metrics.csv")["env_steps"]
+        env_steps = metrics.read(run.metrics)["env_steps"]
     except UserError:
         return False
     evaluated = (env_steps >= config.steps).sum() >= config.seeds
     # A policy is written at every evaluation; that of the end, before its checkpoint.
-    saved = max(artefacts.saved_steps(folder / "checkpoints"), default=config.steps)
-    final = saved * config.envs >= config.steps and (folder / _POLICY).is_file()
+    saved = max(artefacts.saved_steps(run.checkpoints), default=config.steps)
+    final = saved * config.envs >= config.steps and run.policy.is_file()
     return bool(same and evaluated and final)
 
 
@@ -114,7 +113,7 @@ def tail(log: Path, start: int = 0, lines: int = 5) -> list[str]:
 
 def _measured(folder: Path) -> State:
     try:
-        table = metrics.read(folder / "metrics.csv")
+        table = metrics.read(run_folder.at(folder).metrics)
     except UserError:
         return State("new")
     if not len(table["env_steps"]):
@@ -126,6 +125,6 @@ def _measured(folder: Path) -> State:
 
 def _same_run(found: Config, config: Config) -> bool:
     # What a run may change when it goes on, and the buffer, which it fits to its length.
-    given = {name: getattr(config, name) for name in ("steps", *artefacts.MAY_CHANGE)}
+    given = {name: getattr(config, name) for name in ("steps", *MAY_CHANGE)}
     replay = dataclasses.replace(found.replay, capacity=config.replay.capacity)
     return dataclasses.replace(found, replay=replay, **given) == config
