@@ -202,7 +202,7 @@ def test_a_cell_is_summed_up_as_worked_out_by_hand(tmp_path):
     (cell,) = cells_of(make_run(tmp_path / "a", values=values, steps=400))
     found = summarise(cell)
     assert (found.mean, found.std, found.steps_to_level) == (1, 0, 200)
-    assert found.seeds_at_level == 2 and found.wall_s == 40
+    assert found.seeds_at_level == 1 and found.wall_s == 40
     assert found.area == pytest.approx(np.mean([(0.4 + 0.85 + 0.95) / 4, (0.5 + 1 + 1) / 4]))
 
 
@@ -215,6 +215,26 @@ def test_methods_are_compared_up_to_the_steps_that_both_have_made(tmp_path):
     expected = np.trapezoid(ours - theirs, dx=100) / 500
     assert found.area.value == pytest.approx(expected, abs=0.02)
     assert found.better_area == (1, 1, 1)
+
+
+def test_the_policy_that_explores_is_compared_by_the_episodes_of_training(tmp_path):
+    for name, method, success in (("a", "crsfd", 0.75), ("b", "sacfd", 0.5)):
+        table = make_run(tmp_path / name, method) / "metrics.csv"
+        head, *rows = table.read_text().splitlines()
+        # None had ended by the first evaluation.
+        told = [f"{row},{success},{0 if row.startswith('100,') else 9}" for row in rows]
+        head += ",train/success_rate,train/episodes"
+        table.write_text("\n".join([head, *told]) + "\n")
+    found = compare([tuple(cells_of(tmp_path))])
+    assert found.area == (0, 0, 0)
+    # From 0 at the start to the level at 200 of 1000 steps.
+    assert found.exploring == pytest.approx([0.25 * 0.9] * 3)
+
+
+def test_methods_without_episodes_of_training_are_not_compared_by_them(tmp_path):
+    make_run(tmp_path / "a")
+    make_run(tmp_path / "b", "bc")
+    assert compare([tuple(cells_of(tmp_path))]).exploring is None
 
 
 def test_equal_curves_compare_as_equal_however_often_they_were_evaluated(tmp_path):

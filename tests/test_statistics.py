@@ -54,11 +54,15 @@ def test_final_success_is_the_mean_of_the_last_tenth_of_each_seeds_own_steps():
     assert np.isnan(statistics.final(steps, np.full((20, 1), NAN)))
 
 
-def test_the_first_evaluation_at_a_level_is_found_and_never_is_infinite():
-    steps, values = np.array([10, 20, 30]), np.array([0.2, 0.9, 0.8])
-    assert statistics.first_at(steps, values, 0.9) == 20
-    assert statistics.first_at(steps, values, 0.91) == np.inf
-    assert statistics.first_at(steps, np.array([NAN, 0.1, 1.0]), 0.9) == 30
+def test_a_level_counts_once_it_was_reached_three_times_in_a_row():
+    steps = np.arange(10, 80, 10)
+    values = np.array([0.2, 0.95, 0.8, 0.9, 1.0, 0.9, 0.5])
+    assert statistics.settled_at(steps, values, 0.9) == 40
+    assert statistics.settled_at(steps, values, 0.91) == np.inf
+    assert statistics.settled_at(steps[:5], values[:5], 0.9) == np.inf
+    assert statistics.settled_at(steps, np.where(values == 1, NAN, values), 0.9) == np.inf
+    assert statistics.settled_at(steps[:1], np.array([0.9]), 0.9) == 10
+    assert statistics.settled_at(steps[:0], values[:0], 0.9) == np.inf
 
 
 @settings(deadline=None)

@@ -47,6 +47,8 @@ class Cell(NamedTuple):
     """Options in which it differs from the method's other runs, in words; empty for most."""
     curve: Curve
     """Success of all seeds; without interaction, the final one at 0 steps."""
+    exploring: Curve
+    """Success of the episodes of training; NaN where there were none."""
     seeds: np.ndarray
     """[S] of the columns of `curve`."""
     planned_steps: int
@@ -145,21 +147,27 @@ def _without_repeats(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
 
 def _cell(method: str, task: Task, variant: str, planned: int, runs: Sequence[Run]) -> Cell:
     runs = sorted(runs, key=lambda run: run.seeds[0])
-    steps = np.unique(np.concatenate([run.curve.env_steps for run in runs]))
-    parts = []
-    for run in runs:
-        part = np.full((len(steps), len(run.seeds)), np.nan)
-        part[np.searchsorted(steps, run.curve.env_steps)] = run.curve.values
-        parts.append(part)
-    values = np.concatenate(parts, axis=1)
+    curve = _beside([run.curve for run in runs])
     if method in WITHOUT_INTERACTION:
-        steps, values = np.zeros(1, np.int64), final(steps, values)[None]
+        curve = Curve(np.zeros(1, np.int64), final(*curve)[None])
     return Cell(
         method=method,
         task=task,
         variant=variant,
-        curve=Curve(steps, values),
+        curve=curve,
+        exploring=_beside([run.exploring for run in runs]),
         seeds=np.concatenate([run.seeds for run in runs]),
         planned_steps=planned,
         runs=tuple(runs),
     )
+
+
+def _beside(curves: Sequence[Curve]) -> Curve:
+    """The seeds of several curves at the steps of all; NaN where one has none."""
+    steps = np.unique(np.concatenate([curve.env_steps for curve in curves]))
+    parts = []
+    for curve in curves:
+        part = np.full((len(steps), curve.values.shape[1]), np.nan)
+        part[np.searchsorted(steps, curve.env_steps)] = curve.values
+        parts.append(part)
+    return Curve(steps, np.concatenate(parts, axis=1))

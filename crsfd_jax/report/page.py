@@ -43,10 +43,11 @@ _NOTES = (
     "Intervals of differences are Student's t over seeds. Those of IQM (mean of the middle half of "
     "the seeds) and P(better) are bootstrapped (10,000 samples of the seeds, percentiles 2.5 and "
     "97.5), somewhat too narrow with few seeds. On several tasks a seed counts once.",
-    f"Steps to {LEVEL * 100:g} %: first evaluation at which the mean over seeds reaches {LEVEL:g}; "
-    "seeds there: how many reach it in any evaluation.",
+    f"Steps to {LEVEL * 100:g} %: first of three evaluations in a row at which the mean over seeds "
+    f"is {LEVEL:g} or more; seeds there: how many have three such evaluations themselves.",
     "Area: under the curve of success from 0 steps (success 0) to the last, divided by the steps; "
-    "1 would be success from the start. Differences pair seeds of the same number.",
+    "1 would be success from the start. Differences pair seeds of the same number. While exploring: "
+    "the same of the episodes of training, in which the policy is sampled.",
     "P(better): chance that a seed of the one scores above a seed of the other on the same task, "
     "ties count half (Mann and Whitney), mean over tasks.",
     "Seeds that diverged are in all averages, with the success that they had; the troubles of each "

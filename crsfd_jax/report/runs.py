@@ -14,6 +14,7 @@ from crsfd_jax.option_names import by_full_name
 from crsfd_jax.report.curves import Curve, curve
 
 SUCCESS = "eval/success_rate"
+EXPLORING = "train/success_rate"
 _FILMS = (".gif", ".mp4", ".webm")
 _FOREIGN = ("checkpoints", "report", "__pycache__")
 """Folders in which no run is looked for."""
@@ -28,6 +29,8 @@ class Run(NamedTuple):
     """What config.json says."""
     curve: Curve
     """Success of each seed against environment steps."""
+    exploring: Curve
+    """That of the episodes of training since the evaluation before; NaN where there were none."""
     seeds: np.ndarray
     """[S] seeds of the columns of `curve`, ascending."""
     wall_s: float
@@ -126,11 +129,19 @@ def _run(name: str, table: Path, told: Manifest, columns: Mapping[str, np.ndarra
         name=name,
         manifest=told,
         curve=curve(columns, SUCCESS),
+        exploring=_exploring(columns),
         seeds=np.unique(columns["seed"]),
         wall_s=float(wall.max()),
         films=_films(table.parent) if _is_of_folder(table) else (),
         troubles=[*troubles.diverged(columns), *filter(None, [troubles.words(columns)])],
     )
+
+
+def _exploring(columns: Mapping[str, np.ndarray]) -> Curve:
+    nothing = np.full(len(columns["env_steps"]), np.nan)
+    has_any = columns.get("train/episodes", nothing) > 0
+    success = np.where(has_any, columns.get(EXPLORING, nothing), nothing)
+    return curve({**columns, EXPLORING: success}, EXPLORING)
 
 
 def _films(folder: Path) -> tuple[Path, ...]:

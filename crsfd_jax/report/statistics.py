@@ -18,6 +18,8 @@ from scipy.special import stdtrit
 RESAMPLES = 10_000
 LAST_SHARE = 0.1
 """The final success is the mean over the evaluations in this last share of the steps."""
+IN_A_ROW = 3
+"""Evaluations at a level after which a task counts as learned: one alone may be luck."""
 _SEED = 0
 
 
@@ -48,10 +50,15 @@ def area(env_steps: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.array([_area(*_known(env_steps, seed)) for seed in values.T])
 
 
-def first_at(env_steps: np.ndarray, values: np.ndarray, level: float) -> float:
-    """Steps [T] at the first of the values [T] that reaches a level; infinite if none does."""
-    reached = np.flatnonzero(values >= level)
-    return float(env_steps[reached[0]]) if len(reached) else np.inf
+def settled_at(env_steps: np.ndarray, values: np.ndarray, level: float) -> float:
+    """Steps [T] at the first of IN_A_ROW values [T] that all reach a level; infinite if none is.
+
+    Of fewer values, all must reach it.
+    """
+    reached = values >= level
+    row = max(1, min(IN_A_ROW, len(reached)))
+    starts = [i for i in range(len(reached) - row + 1) if reached[i : i + row].all()]
+    return float(env_steps[starts[0]]) if starts else np.inf
 
 
 def interquartile_mean(scores: np.ndarray) -> np.ndarray:

@@ -25,9 +25,10 @@ class Summary(NamedTuple):
     interquartile: Estimate
     """Interquartile mean of the final success."""
     steps_to_level: float
-    """Steps at the first evaluation whose mean over all seeds is LEVEL; infinite if none."""
+    """Steps at the first of three evaluations in a row at which the mean over all seeds is LEVEL
+    or more; infinite if there are none."""
     seeds_at_level: int
-    """Seeds with an evaluation at LEVEL or above."""
+    """Seeds that have three such evaluations."""
     area: float
     """Mean area under the curve."""
     wall_s: float
@@ -43,6 +44,9 @@ class Comparison(NamedTuple):
     """Difference of the final success."""
     area: Estimate
     """Difference of the area under the curve."""
+    exploring: Estimate | None
+    """Difference of the area under the curve of the episodes of training, in which the policy
+    explores; None if a method has none."""
     better_final: Estimate
     """Chance that a seed of the first has the larger final success."""
     better_area: Estimate
@@ -59,17 +63,18 @@ class Scores(NamedTuple):
     final_gap: np.ndarray
     """[pairs] first minus second."""
     area_gap: np.ndarray
+    exploring_gap: np.ndarray
 
 
 def summarise(cell: Cell) -> Summary:
     """The numbers of a cell over its own steps."""
     curve, last = cell.curve, statistics.final(*cell.curve)
-    each = [statistics.first_at(curve.env_steps, seed, LEVEL) for seed in curve.values.T]
+    each = [statistics.settled_at(curve.env_steps, seed, LEVEL) for seed in curve.values.T]
     return Summary(
         mean=float(last.mean()),
         std=float(last.std()),
         interquartile=statistics.interquartile_interval([last]),
-        steps_to_level=statistics.first_at(curve.env_steps, curve.values.mean(axis=1), LEVEL),
+        steps_to_level=statistics.settled_at(curve.env_steps, curve.values.mean(axis=1), LEVEL),
         seeds_at_level=int(np.isfinite(each).sum()),
         area=float(statistics.area(*curve).mean()),
         wall_s=sum(run.wall_s for run in cell.runs),
@@ -87,9 +92,10 @@ def scores(ours: Cell, theirs: Cell) -> Scores | None:
     steps = common_steps(ours, theirs)
     if not len(steps):
         return None
-    kept = [_at(cell, steps) for cell in (ours, theirs)]
+    kept = [_at(steps, cell.curve) if cell.interacts else cell.curve for cell in (ours, theirs)]
     final = [statistics.final(*curve) for curve in kept]
     area = [statistics.area(*curve) for curve in kept]
+    exploring = [statistics.area(*_at(steps, cell.exploring)) for cell in (ours, theirs)]
     first, second = _pairs(ours.seeds, theirs.seeds)
     return Scores(
         steps=int(steps[-1]),
@@ -98,6 +104,7 @@ def scores(ours: Cell, theirs: Cell) -> Scores | None:
         seeds=ours.seeds[first],
         final_gap=final[0][first] - final[1][second],
         area_gap=area[0][first] - area[1][second],
+        exploring_gap=exploring[0][first] - exploring[1][second],
     )
 
 
@@ -107,21 +114,22 @@ def compare(pairs: Sequence[tuple[Cell, Cell]]) -> Comparison | None:
     if not each:
         return None
     seeds = [task.seeds for task in each]
+    exploring = [task.exploring_gap for task in each]
+    explored = all(np.isfinite(gap).all() for gap in exploring)
     return Comparison(
         tasks=len(each),
         steps=tuple(task.steps for task in each),
         final=statistics.mean_interval([task.final_gap for task in each], seeds),
         area=statistics.mean_interval([task.area_gap for task in each], seeds),
+        exploring=statistics.mean_interval(exploring, seeds) if explored else None,
         better_final=statistics.improvement(*zip(*(task.final for task in each), strict=True)),
         better_area=statistics.improvement(*zip(*(task.area for task in each), strict=True)),
     )
 
 
-def _at(cell: Cell, steps: np.ndarray) -> Curve:
-    if not cell.interacts:
-        return cell.curve
-    rows = np.isin(cell.curve.env_steps, steps)
-    return Curve(cell.curve.env_steps[rows], cell.curve.values[rows])
+def _at(steps: np.ndarray, curve: Curve) -> Curve:
+    rows = np.isin(curve.env_steps, steps)
+    return Curve(curve.env_steps[rows], curve.values[rows])
 
 
 def _pairs(ours: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -45,7 +45,7 @@ def name(cell: Cell) -> str:
 def comparisons(cells: Sequence[Cell], ours: str) -> tuple[Table, Table]:
     """One method against each other: over all tasks that both have, and task by task."""
     pairs = rivals(cells, ours)
-    head = ("difference of area", "difference of final success")
+    head = ("difference of area", "while exploring", "difference of final success")
     head += ("P(better area)", "P(better final)", "steps")
     over_all, each = (
         Table(("against", "tasks", *head), [], 1),
@@ -149,6 +149,7 @@ def _comparison(found: Comparison) -> tuple[str, ...]:
     low, high = min(found.steps), max(found.steps)
     return (
         show(found.area, "+.3f"),
+        show(found.exploring, "+.3f") if found.exploring else "-",
         show(found.final, "+.3f"),
         show(found.better_area, ".2f"),
         show(found.better_final, ".2f"),
