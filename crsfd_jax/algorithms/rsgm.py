@@ -22,8 +22,9 @@ from crsfd_jax.config import Config
 from crsfd_jax.learn import wgan
 from crsfd_jax.learn.networks import Critic, Networks, Params, apply
 
-WEIGHT = 0.3
-"""Largest potential, times the rewards' scale; 0.1 learned as soon, 1 later, 3 not at all."""
+WEIGHT = 0.1
+"""Largest potential, times the rewards' scale. On shape 3, 40,000 steps of 5 seeds, the area is
+0.745, 0.758, 0.694 and 0.025 with 0.03, 0.1, 0.3 and 1."""
 SPREAD = 0.5
 """Standard deviation of the noise on half of the foils, in units of an observation."""
 

@@ -46,8 +46,8 @@ _NOTES = (
     f"Steps to {LEVEL * 100:g} %: first of three evaluations in a row at which the mean over seeds "
     f"is {LEVEL:g} or more; seeds there: how many have three such evaluations themselves.",
     "Area: under the curve of success from 0 steps (success 0) to the last, divided by the steps; "
-    "1 would be success from the start. Differences pair seeds of the same number. While exploring: "
-    "the same of the episodes of training, in which the policy is sampled.",
+    "1 would be success from the start. Differences pair seeds of the same number. While "
+    "exploring: the same of the episodes of training, in which the policy is sampled.",
     "P(better): chance that a seed of the one scores above a seed of the other on the same task, "
     "ties count half (Mann and Whitney), mean over tasks.",
     "Seeds that diverged are in all averages, with the success that they had; the troubles of each "
