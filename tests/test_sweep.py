@@ -131,7 +131,7 @@ def test_experiments_are_those_of_the_paper():
         (method, demos) for method in ("crsfd", "sacfd") for demos in ("builtin", *quality)
     }
     assert pairs("next_task", "algorithm", "shape", "shift", "demos") == {
-        (method, "2", 0.008, "runs/demos/search.npz") for method in ("crsfd", "sacfd")
+        (method, "2", 0.008, "runs/demos/search.npz") for method in ("crsfd", "sacfd", "bc")
     }
     assert pairs("reward_scale", "algorithm", "shape", "shift") == {
         (method, "2", 0.0) for method in ("crsfd", "sacfd")
