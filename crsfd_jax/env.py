@@ -68,6 +68,16 @@ class Outcome:
     limits: Limits = Limits()
     """What the engine met."""
 
+    @property
+    def failed(self) -> jax.Array:
+        """[N] The episode ended without success: out of time, or broken down."""
+        return self.truncated | ~self.finite
+
+    @property
+    def over(self) -> jax.Array:
+        """[N] The episode ended."""
+        return self.terminated | self.failed
+
 
 Reward = Callable[[jax.Array, Surroundings, jax.Array], jax.Array]
 """(tip [N, 6], surroundings, terminated [N]) -> reward [N]."""
@@ -143,8 +153,7 @@ def make(
 
     def step(state: EnvState, action: jax.Array, key: jax.Array) -> tuple[EnvState, Outcome]:
         going, outcome = advance(state, action)
-        over = outcome.terminated | outcome.truncated | ~outcome.finite
-        return _where(over, reset(key, len(over)), going), outcome
+        return _where(outcome.over, reset(key, len(outcome.over)), going), outcome
 
     return Env(reset=reset, step=step, advance=advance, horizon=mdp.horizon)
 

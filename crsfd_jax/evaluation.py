@@ -36,9 +36,8 @@ def run(env: Env, nets: Networks, actor: Params, key: jax.Array, episodes: int) 
         step, state, running, success, length = carry
         action = mode_action(nets.actor, actor, state.obs)
         state, outcome = env.step(state, action, keys[step])
-        over = outcome.terminated | outcome.truncated | ~outcome.finite
         success = success | (running & outcome.terminated)
-        return step + 1, state, running & ~over, success, length + running
+        return step + 1, state, running & ~outcome.over, success, length + running
 
     start = env.reset(reset_key, episodes)
     running, success = jnp.ones(episodes, bool), jnp.zeros(episodes, bool)

@@ -46,7 +46,7 @@ def _observations(scene: Scene, extent: float, key: jax.Array) -> jax.Array:
     low, high = jnp.array([-side, -side, 0.0]), jnp.array([side, side, side])
     position = jax.random.uniform(position_key, (_POOL, 3), minval=low, maxval=high)
     vector = jax.random.uniform(rotation_key, (_POOL, 3), minval=-tilt, maxval=tilt)
-    qpos, _ = jax.jit(inverse_kinematics, static_argnums=3)(links, position, vector, 60)
+    qpos, _ = jax.jit(inverse_kinematics)(links, position, vector)
     qvel = _JOINT_SPEED * jax.random.normal(velocity_key, qpos.shape)
     error = jax.random.uniform(
         error_key, (_POOL, 3), minval=-_SETPOINT_ERROR, maxval=_SETPOINT_ERROR

@@ -16,7 +16,6 @@ from crsfd_jax import task
 from crsfd_jax.config import Config
 from crsfd_jax.env import EnvState
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
-from crsfd_jax.physics import select
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.scene.build import model_of
 from crsfd_jax.shapes import read
@@ -61,8 +60,7 @@ class Insertion(NamedTuple):
 def make(options: Config) -> Insertion:
     """The task of a configuration; only what defines the task and its engine matters."""
     env = task.make_env(options)
-    shapes = task.shapes_known(options)
-    _, scene = task.engine(select.resolve(options.engine), options.scene, shapes)
+    scene = task.scene_of(options)
 
     def reset(key: jax.Array) -> State:
         data = _only(env.reset(key, 1))
@@ -74,17 +72,16 @@ def make(options: Config) -> Insertion:
     def step(state: State, action: jax.Array) -> State:
         before = jax.tree.map(lambda leaf: leaf[None], state.data)
         data, outcome = _only(env.advance(before, action[None]))
-        truncation = outcome.truncated | ~outcome.finite
         return State(
             data=data,
             obs=jnp.where(outcome.finite, outcome.next_obs, state.obs),
             reward=outcome.reward,
-            done=jnp.float32(outcome.terminated | truncation),
+            done=jnp.float32(outcome.over),
             metrics={
                 "success": jnp.float32(outcome.terminated),
                 "nonfinite": jnp.float32(~outcome.finite),
             },
-            info={**state.info, "truncation": jnp.float32(truncation)},
+            info={**state.info, "truncation": jnp.float32(outcome.failed)},
         )
 
     sim_dt = scene.model.opt.timestep

@@ -160,8 +160,7 @@ def _compiled_batch(options: Config) -> _Batch:
         after, outcome = env.step(state, action, jax.random.fold_in(key, count))
         # What broke down has no observation: the one before it stands in.
         final_obs = jnp.where(outcome.finite[:, None], outcome.next_obs, state.obs)
-        truncated = outcome.truncated | ~outcome.finite
-        return after, (after.obs, final_obs, outcome.reward, outcome.terminated, truncated)
+        return after, (after.obs, final_obs, outcome.reward, outcome.terminated, outcome.failed)
 
     return _Batch(jax.jit(env.reset, static_argnums=1), jax.jit(step))
 
@@ -199,7 +198,7 @@ def _row(states: EnvState, i: int) -> EnvState:
 
 
 def _draw(options: Config, state: EnvState) -> np.ndarray:
-    _, scene = task.engine("native", options.scene, task.shapes_known(options))
+    scene = task.scene_of(options)
     model = model_of(scene, int(state.around.shape))
     data = mujoco.MjData(model)
     data.qpos[:] = state.physics.qpos

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from crsfd_jax import algorithms, chunk, device, evaluation, shapes, spread, task, train_step
+from crsfd_jax import algorithms, chunk, evaluation, shapes, spread, task, train_step
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, Replay
 from crsfd_jax.demos.dataset import Demonstrations
@@ -77,8 +77,7 @@ def build(configs: Sequence[Config], demos: Demonstrations) -> Program:
       configs: of a run, or of several that `together.require_alike` lets share a program.
     """
     first = configs[0]
-    _, scene = task.engine(device.engine_name(first), first.scene)
-    sampler = make_free_space(scene, first.potential.free_space_extent)
+    sampler = make_free_space(task.scene_of(first), first.potential.free_space_extent)
     preparation = Preparation.of(demos, sampler)
     whole = _with_all_shapes(configs)
     return assemble(configs, lambda drawn: task.make_env(whole, drawn=drawn), preparation)

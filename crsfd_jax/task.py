@@ -23,6 +23,11 @@ def engine(
     return _engine(name, parts, shapes)
 
 
+def scene_of(options: config.Config) -> Scene:
+    """The scene of a run with all shapes that it may meet."""
+    return build(options.scene, shapes_known(options))
+
+
 def shapes_known(options: config.Config) -> tuple[str, ...]:
     """Shapes of a run's scene: every digit, and the grids that the run brings."""
     return tuple(dict.fromkeys((*config.SHAPES, *read(options.shape))))

@@ -92,10 +92,9 @@ def _draw(view: View, png: str) -> None:
 
     from crsfd_jax import task
     from crsfd_jax.drawing.overview import overview
-    from crsfd_jax.scene.build import build
 
     options = _options(view)
-    scene = build(options.scene, task.shapes_known(options))
+    scene = task.scene_of(options)
     picture = Image.fromarray(overview(scene, scene.shapes.index(options.shape), options.shift))
     try:
         write_atomically(Path(png), lambda stream: picture.save(stream, "PNG"))

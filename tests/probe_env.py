@@ -74,12 +74,12 @@ def make(breaks_at: float = jnp.inf) -> Env:
 
     def step(state, action, key):
         going, outcome = advance(state, action)
-        over = outcome.terminated | outcome.truncated | ~outcome.finite
 
         def pick(new, old):
+            over = outcome.over
             return jnp.where(over.reshape(over.shape + (1,) * (new.ndim - 1)), new, old)
 
-        return jax.tree.map(pick, reset(key, len(over)), going), outcome
+        return jax.tree.map(pick, reset(key, len(outcome.over)), going), outcome
 
     return Env(reset=reset, step=step, advance=advance, horizon=HORIZON)
 

@@ -83,15 +83,12 @@ def test_success_states_are_targets_of_one_only_if_the_terminal_potential_is_kep
 
 def test_potential_is_the_return_on_demonstrations_and_zero_in_free_space():
     features, targets = potential.demonstration_targets(chain_demos(), QUICK)
-    fitted, diagnostics = potential.fit(jax.random.key(0), features, targets, free_space, QUICK)
+    fitted = potential.fit(jax.random.key(0), features, targets, free_space, QUICK)
     on_demos = potential.evaluate(fitted, features)
     rmse = np.sqrt(np.mean((np.asarray(on_demos) - targets) ** 2))
     assert rmse < 0.08
-    assert diagnostics["demo_rmse"] == pytest.approx(rmse, rel=1e-3)
     probes = potential.evaluate(fitted, free_space(jax.random.key(5), 4000))
     assert probes.mean() < 0.05
-    assert diagnostics["free_space_mean"] == pytest.approx(float(probes.mean()), abs=0.01)
-    assert diagnostics["free_space_max"] <= 1.0
     assert (np.diff(on_demos[:LENGTH]) > 0).all()
     assert probes.min() >= 0.0 and max(probes.max(), on_demos.max()) <= 1.0
 
@@ -99,13 +96,17 @@ def test_potential_is_the_return_on_demonstrations_and_zero_in_free_space():
 def test_free_space_weight_is_what_keeps_the_potential_down_off_the_demonstrations():
     features, targets = potential.demonstration_targets(chain_demos(), QUICK)
     careless = dataclasses.replace(QUICK, free_space_weight=0.0)
-    _, with_zeros = potential.fit(jax.random.key(0), features, targets, free_space, QUICK)
-    _, without = potential.fit(jax.random.key(0), features, targets, free_space, careless)
-    assert without["free_space_mean"] > 5 * with_zeros["free_space_mean"]
+    probes = free_space(jax.random.key(5), 4000)
+
+    def mean_in_free_space(options):
+        fitted = potential.fit(jax.random.key(0), features, targets, free_space, options)
+        return potential.evaluate(fitted, probes).mean()
+
+    assert mean_in_free_space(careless) > 5 * mean_in_free_space(QUICK)
 
 
 def test_regression_loss_equals_the_one_computed_in_numpy():
-    fitted, _ = potential.fit(
+    fitted = potential.fit(
         jax.random.key(0),
         jnp.zeros((1, 2)),
         jnp.zeros(1),
@@ -195,7 +196,7 @@ def test_moved_demonstrations_are_valued_by_the_mean_of_all_places_they_may_come
 
     def value_at(y, move):
         key = jax.random.key(0)
-        fitted, _ = potential.fit(key, features, targets, free_space, careless, move)
+        fitted = potential.fit(key, features, targets, free_space, careless, move)
         return np.asarray(potential.evaluate(fitted, features + jnp.array([0.0, y])))[:LENGTH]
 
     np.testing.assert_allclose(value_at(0.0, move), targets[:LENGTH], atol=0.06)

@@ -34,7 +34,7 @@ def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potenti
         spread = config.shift - preparation.demo_shift
     move = functools.partial(moved, spread=spread)
     poses = obs[..., TIP_POSE]
-    return potential.fit(key, poses, targets, sample_features, config.potential, move)[0]
+    return potential.fit(key, poses, targets, sample_features, config.potential, move)
 
 
 def moved(key: jax.Array, poses: jax.Array, spread: float) -> jax.Array:

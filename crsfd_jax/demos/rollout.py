@@ -84,8 +84,7 @@ def _roll(env: Env, actor: Actor, params: Params, start, noise: float, key: jax.
         action = jnp.tanh(mean + spread)
         after, outcome = env.step(state, action, step_key)
         step = train_step.transition_of(state, action, outcome)
-        over = outcome.terminated | outcome.truncated | ~outcome.finite
-        return (after, running & ~over), (step, running)
+        return (after, running & ~outcome.over), (step, running)
 
     running = jnp.ones(len(start.age), bool)
     return jax.lax.scan(body, (start, running), jax.random.split(key, env.horizon))[1]

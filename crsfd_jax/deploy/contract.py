@@ -22,7 +22,7 @@ def describe(trained: Trained, chosen: Chosen, file: str) -> dict[str, Any]:
       file: name of the policy's file, in the same folder.
     """
     config = trained.config
-    _, scene = task.engine("native", config.scene, task.shapes_known(config))
+    scene = task.scene_of(config)
     return {
         "file": file,
         "rate_hz": 1 / CONTROL_DT,

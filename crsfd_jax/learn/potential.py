@@ -29,8 +29,6 @@ SampleFreeSpace = Callable[[jax.Array, int], jax.Array]
 """Maps a key and a count n to features [n, F] spread over the free space."""
 Move = Callable[[jax.Array, jax.Array], jax.Array]
 """Maps a key and features [n, F] of demonstrations to where else they are as good."""
-NUM_PROBES = 4096
-"""Free-space states that the fit is judged on."""
 _MOVING = 7
 """Folded into the key of a batch of demonstrations, whose rows are drawn with it."""
 
@@ -79,18 +77,14 @@ def fit(
     sample_free_space: SampleFreeSpace,
     potential: config.Potential,
     move: Move | None = None,
-) -> tuple[Potential, dict[str, jax.Array]]:
+) -> Potential:
     """Runs the regression on features [D, F] with targets [D] in [0, 1].
 
     Args:
       move: applied to each batch of demonstrations, so that the regression finds the mean of
         the targets over what it draws.
-
-    Returns:
-      The potential, and how good it is: root-mean-square error on the demonstrations, mean
-      and maximum over fresh free-space states, and the last regression loss.
     """
-    init_key, loop_key, probe_key = jax.random.split(key, 3)
+    init_key, loop_key = jax.random.split(key)
     hidden = tuple(potential.hidden)
     fitted = Potential(params=_Value(hidden).init(init_key, features[0]), hidden=hidden)
     optimiser = optax.adam(potential.learning_rate)
@@ -104,17 +98,16 @@ def fit(
         known = features[rows]
         if move is not None:
             known = move(jax.random.fold_in(demo_key, _MOVING), known)
-        loss, gradient = jax.value_and_grad(regression_loss)(
+        gradient = jax.grad(regression_loss)(
             fitted, known, targets[rows], free, potential.free_space_weight
         )
         updates, opt_state = optimiser.update(gradient, opt_state)
         fitted = cast(Any, optax.apply_updates(cast(Any, fitted), updates))
-        return (fitted, opt_state), loss
+        return (fitted, opt_state), None
 
     step_keys = jax.random.split(loop_key, potential.steps)
-    (fitted, _), losses = jax.lax.scan(regress, (fitted, opt_state), step_keys)
-    probes = sample_free_space(probe_key, NUM_PROBES)
-    return fitted, _diagnose(fitted, features, targets, probes, losses[-1])
+    (fitted, _), _ = jax.lax.scan(regress, (fitted, opt_state), step_keys)
+    return fitted
 
 
 def evaluate(potential: Potential, features: jax.Array) -> jax.Array:
@@ -132,19 +125,3 @@ def regression_loss(
     """Mean squared error on demonstrations plus lambda times the mean square in free space."""
     demo_term = jnp.mean((evaluate(potential, features) - targets) ** 2)
     return demo_term + free_space_weight * jnp.mean(evaluate(potential, free_space) ** 2)
-
-
-def _diagnose(
-    potential: Potential,
-    features: jax.Array,
-    targets: jax.Array,
-    free_space: jax.Array,
-    loss: jax.Array,
-) -> dict[str, jax.Array]:
-    on_free_space = evaluate(potential, free_space)
-    return {
-        "demo_rmse": jnp.sqrt(jnp.mean((evaluate(potential, features) - targets) ** 2)),
-        "free_space_mean": jnp.mean(on_free_space),
-        "free_space_max": jnp.max(on_free_space),
-        "loss": loss,
-    }

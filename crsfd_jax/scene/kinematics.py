@@ -107,17 +107,18 @@ def rotation_matrix(vector: jax.Array) -> jax.Array:
 
 HOME = np.array([0.0, 0.2, 0.0, -2.5, 0.0, 2.7, np.pi / 4], np.float32)
 """rad, arm above the socket with the elbow up: start of the inverse kinematics."""
+_ITERATIONS = 60
+"""They reach 1e-5 m from HOME anywhere in the workspace."""
 
 
 def inverse_kinematics(
-    chain: Chain, position: jax.Array, vector: jax.Array, steps: int = 60
+    chain: Chain, position: jax.Array, vector: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Joint angles that bring the tip to a pose, by damped least squares from HOME.
 
     Args:
       position: [N, 3] m, in the nominal socket's frame.
       vector: [N, 3] rotation vector, rad.
-      steps: iterations; 60 reach 1e-5 m from HOME anywhere in the workspace.
 
     Returns:
       qpos [N, 7] rad and remaining error [N] (m and rad, root of the sum of squares).
@@ -138,7 +139,7 @@ def inverse_kinematics(
         return jnp.clip(qpos + jnp.clip(step, -0.2, 0.2), low, high)
 
     start = jnp.broadcast_to(HOME, (*position.shape[:-1], 7))
-    qpos = jax.lax.fori_loop(0, steps, iterate, start)
+    qpos = jax.lax.fori_loop(0, _ITERATIONS, iterate, start)
     return qpos, jnp.linalg.norm(residual(qpos)[0], axis=-1)
 
 

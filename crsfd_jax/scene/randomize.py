@@ -39,9 +39,7 @@ def start_pool(chain: Chain, seed: int = 0, size: int = _POOL) -> np.ndarray:
     low = np.array([-START_HALF_WIDTH, -START_HALF_WIDTH, START_HEIGHT])
     high = low + 2 * START_HALF_WIDTH
     position = np.random.default_rng(seed).uniform(low, high, (size, 3)).astype(np.float32)
-    qpos, _ = jax.jit(inverse_kinematics, static_argnums=3)(
-        chain, position, np.zeros((size, 3), np.float32), 60
-    )
+    qpos, _ = jax.jit(inverse_kinematics)(chain, position, np.zeros((size, 3), np.float32))
     return np.asarray(qpos)
 
 

@@ -90,7 +90,7 @@ def make(options: config.Config, actors: Any) -> Live:
     """
     endless = dataclasses.replace(options.mdp, horizon=_ENDLESS)
     world = task.make_env(dataclasses.replace(options, engine=_ENGINE, mdp=endless))
-    _, scene = task.engine(_ENGINE, options.scene, task.shapes_known(options))
+    scene = task.scene_of(options)
     nets = networks.make_networks(options.sac, ACTION_SIZE)
     advance = jax.jit(world.advance)
     setpoint = jax.jit(lambda tip, action: env.setpoint(options.mdp, tip, action))
