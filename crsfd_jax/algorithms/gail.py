@@ -30,7 +30,7 @@ from crsfd_jax.learn.replay import Draw, ReplayState
 from crsfd_jax.types import Transition
 
 SCALE = 5.0
-"""Puts imitation before entropy: with 1, 5 seeds came to 0.14 on shape 3 in 60,000 steps."""
+"""Puts imitation before entropy; a quarter of it learns shape 3 as soon, a sixteenth later."""
 Features = Callable[[Transition], jax.Array]
 """Rows [...] -> what the discriminator sees of them [..., F]."""
 

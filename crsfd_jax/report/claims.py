@@ -59,7 +59,8 @@ def _setting1(book) -> list[Claim]:
             [below(book, task, "sac", SMALL) for task in SETTING1],
         ),
         claim(
-            f"GAIL, GAIfO and POfD fail most of the time (below {SMALL:g})",
+            f"GAIL, GAIfO and POfD fail most of the time (below {SMALL:g}; here: they are paid for "
+            "a success, by its absorbing state)",
             [
                 below(book, t, method, SMALL)
                 for method in ("gail", "gaifo", "pofd")
@@ -67,7 +68,8 @@ def _setting1(book) -> list[Claim]:
             ],
         ),
         claim(
-            f"SQIL obtains only a limited success rate (below {LIMITED:g})",
+            f"SQIL obtains only a limited success rate (below {LIMITED:g}; here: it is paid for a "
+            "success, by its absorbing state)",
             [below(book, task, "sqil", LIMITED) for task in SETTING1],
         ),
         claim(
