@@ -17,6 +17,7 @@ import tyro
 from crsfd_jax.config import Config
 from crsfd_jax.errors import STOPPED, UserError
 from crsfd_jax.limits import check_limits, choice_message
+from crsfd_jax.smoke import smoke_sized
 from crsfd_jax.validation import validate
 
 ConfigT = TypeVar("ConfigT")
@@ -46,10 +47,10 @@ def parse(
         if stop.code in (None, 0):
             raise
         raise UserError(_condense(complaint.getvalue())) from None
+    check_limits(config)
     if isinstance(config, Config):
+        config = smoke_sized(config) if config.smoke else config
         validate(config)
-    else:
-        check_limits(config)
     return config
 
 

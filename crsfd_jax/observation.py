@@ -15,7 +15,15 @@ OBSERVATION = (
 OBS_SIZE = sum(size for _, size, _, _ in OBSERVATION)
 SCALE = np.concatenate([np.full(size, scale, np.float32) for _, size, _, scale in OBSERVATION])
 CLIP = 10.0
-TIP_POSE = slice(14, 20)
+
+
+def _place(part: str) -> slice:
+    before = [name for name, *_ in OBSERVATION].index(part)
+    start = sum(size for _, size, _, _ in OBSERVATION[:before])
+    return slice(start, start + OBSERVATION[before][1])
+
+
+TIP_POSE = slice(_place("tip_position").start, _place("tip_rotation").stop)
 """Where an observation holds the tip's position and rotation."""
 POSE_SCALE = SCALE[TIP_POSE]
 ACTION_SIZE = 6

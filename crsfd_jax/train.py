@@ -7,7 +7,6 @@ from crsfd_jax import cli, loggers, together
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
 from crsfd_jax.drawing import opengl
-from crsfd_jax.smoke import smoke_sized
 
 
 def run(argv: list[str]) -> int:
@@ -28,7 +27,7 @@ def _parsed(argv: list[str]) -> Config:
     loggers.require(config.log)
     if config.clips:
         opengl.platform()
-    return smoke_sized(config) if config.smoke else config
+    return config
 
 
 if __name__ == "__main__":

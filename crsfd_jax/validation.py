@@ -4,7 +4,6 @@ from crsfd_jax import shapes
 from crsfd_jax.config import Config, Scene
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import check_limits
-from crsfd_jax.smoke import smoke_sized
 from crsfd_jax.units import format_length
 
 
@@ -15,8 +14,6 @@ def validate(config: Config) -> None:
       UserError: the first value that cannot be used, and what to change.
     """
     check_limits(config)
-    if config.smoke:
-        config = smoke_sized(config)
     capacity, envs = config.replay.capacity, config.envs
     if capacity < envs or capacity % envs:
         nearest = max(1, round(capacity / envs)) * envs

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from crsfd_jax import __main__ as overview
 from crsfd_jax import artefacts, cli, evaluate
-from crsfd_jax.config import ALGORITHMS, Config, Replay, Sac, to_dict
+from crsfd_jax.config import ALGORITHMS, Config, Sac, to_dict
 from crsfd_jax.demos import __main__ as demos
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import Interval, check_limits
@@ -189,11 +189,11 @@ def test_a_configuration_made_in_python_is_checked_like_one_from_the_command_lin
 
 
 def test_values_fit_each_other_in_the_size_that_is_run():
-    validate(Config(smoke=True, steps=1024))
+    assert cli.parse(Config, ["--smoke", "--steps", "1024"]).sac.warmup_steps == 512
     with pytest.raises(UserError, match=r"--sac.warmup-steps: got 512, allowed: below --steps"):
-        validate(Config(smoke=True, steps=400))
+        cli.parse(Config, ["--smoke", "--steps", "400"])
     with pytest.raises(UserError, match=r"--replay.capacity: got"):
-        validate(Config(smoke=True, replay=Replay(capacity=-64)))
+        cli.parse(Config, ["--smoke", "--replay.capacity", "-64"])
 
 
 def test_a_run_is_named_by_what_tells_it_apart():

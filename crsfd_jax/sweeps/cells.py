@@ -12,7 +12,6 @@ from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.limits import choice_message
 from crsfd_jax.run_name import run_name
-from crsfd_jax.smoke import smoke_sized
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
 
@@ -91,6 +90,4 @@ def _cell(path: Path, number: int, given: Any, trials: tuple[str, ...]) -> Cell:
         raise UserError(f"{path}: cell {number}: {error}") from error
     if config.out:
         raise UserError(f"{path}: cell {number}: --out: got {config.out!r}, allowed: none; drop it")
-    if config.smoke:
-        config = smoke_sized(config)
     return Cell(run_name(config), arguments, config, trials)
