@@ -60,7 +60,7 @@ def test_a_level_counts_once_it_was_reached_three_times_in_a_row():
     assert statistics.settled_at(steps, values, 0.9) == 40
     assert statistics.settled_at(steps, values, 0.91) == np.inf
     assert statistics.settled_at(steps[:5], values[:5], 0.9) == np.inf
-    assert statistics.settled_at(steps, np.where(values == 1, NAN, values), 0.9) == np.inf
+    assert statistics.settled_at(steps, np.where(values == 0.8, NAN, values), 0.9) == 20
     assert statistics.settled_at(steps[:1], np.array([0.9]), 0.9) == 10
     assert statistics.settled_at(steps[:0], values[:0], 0.9) == np.inf
 

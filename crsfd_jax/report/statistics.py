@@ -53,8 +53,9 @@ def area(env_steps: np.ndarray, values: np.ndarray) -> np.ndarray:
 def settled_at(env_steps: np.ndarray, values: np.ndarray, level: float) -> float:
     """Steps [T] at the first of IN_A_ROW values [T] that all reach a level; infinite if none is.
 
-    Of fewer values, all must reach it.
+    Of fewer values, all must reach it; NaN, where there was no evaluation, is passed over.
     """
+    env_steps, values = _known(env_steps, values)
     reached = values >= level
     row = max(1, min(IN_A_ROW, len(reached)))
     starts = [i for i in range(len(reached) - row + 1) if reached[i : i + row].all()]

@@ -51,6 +51,7 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "scene.clearance": lambda metres: f"clearance {_millimetres(metres)}",
     "randomisation.socket_yaw": _turned,
     "sac.gamma": lambda gamma: f"gamma_k {gamma:g}",
+    "sac.initial_alpha": lambda alpha: f"temperature {alpha:g} at the start",
     "sac.reward_scale": lambda scale: f"rewards times {scale:g}",
     "potential.gamma": lambda gamma: f"gamma_0 {gamma:g}",
     "potential.free_space_weight": lambda weight: f"lambda {weight:g}",
