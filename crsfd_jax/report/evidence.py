@@ -64,7 +64,8 @@ def ahead(book: Book, tasks: Sequence[Task], ours: str, theirs: str, what: str) 
     found = _difference(each, what)
     verdict = HOLDS if found.low > 0 else FAILS if found.high < MARGIN else OPEN
     alike = ", alike" * (verdict == FAILS and found.low > -MARGIN)
-    return Part(verdict, f"{subject} {show(found, '+.3f')}{alike}, {_steps(each)}")
+    more = f"{alike}{_while_exploring(each) if what == 'area' else ''}"
+    return Part(verdict, f"{subject} {show(found, '+.3f')}{more}, {_steps(each)}")
 
 
 def close(book: Book, task: Task, ours: str, theirs: str, what: str) -> Part:
@@ -131,6 +132,12 @@ _WORDS = {"final": "final success", "area": "area"}
 def _difference(each: Sequence[summary.Scores], what: str) -> Estimate:
     gaps = [getattr(task, f"{what}_gap") for task in each]
     return statistics.mean_interval(gaps, [task.seeds for task in each])
+
+
+def _while_exploring(each: Sequence[summary.Scores]) -> str:
+    """The difference by the episodes of training in words, if all have some; it decides nothing."""
+    found = _difference(each, "exploring")
+    return f", while exploring {show(found, '+.3f')}" if np.isfinite(found.value) else ""
 
 
 def _scores(
