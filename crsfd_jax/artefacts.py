@@ -17,7 +17,7 @@ from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.files import remove_leftovers, sync
 from crsfd_jax.manifest import Manifest
-from crsfd_jax.option_names import MAY_CHANGE, by_full_name
+from crsfd_jax.option_names import MAY_CHANGE, by_full_name, show
 from crsfd_jax.run_folder import RunFolder
 
 COPIES = 3
@@ -172,7 +172,7 @@ def _record(run: RunFolder, new: Manifest) -> None:
 def _refuse_other_run(path: Path, old: Config, new: Config) -> None:
     before, after = by_full_name(to_dict(old)), by_full_name(to_dict(new))
     changed = [
-        f"{name} {before[name]} -> {after[name]}"
+        f"{name} {show(before[name])} -> {show(after[name])}"
         for name in after
         if before[name] != after[name] and name not in MAY_CHANGE
         if name != "steps" or after[name] < before[name]

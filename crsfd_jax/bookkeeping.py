@@ -23,12 +23,12 @@ from crsfd_jax import (
     troubles,
 )
 from crsfd_jax.config import Config
+from crsfd_jax.drawing import learning_curve
 from crsfd_jax.errors import UserError
 from crsfd_jax.evaluation import Episodes
 from crsfd_jax.learn.networks import Params
 from crsfd_jax.learn.sac import AgentState
 from crsfd_jax.progress import say
-from crsfd_jax.report import curves
 from crsfd_jax.run_folder import RunFolder
 from crsfd_jax.standing import Standing
 from crsfd_jax.train_step import TrainState
@@ -147,7 +147,7 @@ def watcher(run: Run, stack: contextlib.ExitStack) -> Callable[[Params], None]:
 def conclude(run: Run) -> int:
     """Draws the curves of a run that is over and says what it came to; returns its exit code."""
     config, folder, at = run.config, run.folder, run.at
-    curves.plot({config.algorithm: folder.metrics}, folder.curves)
+    learning_curve.plot(config.algorithm, folder.metrics, folder.curves)
     say(f"curves    {folder.curves}")
     met = troubles.words(metrics.read(folder.metrics))
     if met:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from crsfd_jax import option_names
 from crsfd_jax.errors import UserError
 
 
@@ -98,10 +99,6 @@ def choice_message(option: str, value: str, choices: tuple[str, ...]) -> str:
     return f"{option}: got {value!r}, allowed: {', '.join(choices)}; {advice}"
 
 
-def _show_number(value: float) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
 def _limits_of(hint: Any) -> Iterator[Any]:
     if typing.get_origin(hint) is Literal:
         yield OneOf(typing.get_args(hint))
@@ -114,7 +111,7 @@ def _limits_of(hint: Any) -> Iterator[Any]:
 def _check_value(option: str, value: Any, limits: tuple[Any, ...]) -> None:
     if value is None:
         return
-    show = next((limit.show for limit in limits if isinstance(limit, ShownAs)), _show_number)
+    show = next((limit.show for limit in limits if isinstance(limit, ShownAs)), option_names.show)
     for limit in limits:
         if isinstance(limit, OneOf) and value not in limit.choices:
             raise UserError(choice_message(option, value, limit.choices))
@@ -143,7 +140,7 @@ def _check_ranges(option: str, ends: tuple[float, ...]) -> None:
         len(ends) == 2 and len({*ends}) == 1
     )
     if len(ends) % 2 or not rising:
-        got = " ".join(map(_show_number, ends))
+        got = option_names.show(tuple(ends))
         raise UserError(
             f"{option}: got {got}, allowed: low high, or low high low high with rising numbers; "
             "write both ends of every range"

@@ -7,6 +7,13 @@ MAY_CHANGE = ("out", "engine", "target", "log", "clips")
 """Options that a run which goes on may be given anew; --steps may grow."""
 
 
+def show(value: Any, between: str = " ") -> str:
+    """A value as the command line takes it; several are joined by `between`."""
+    if isinstance(value, tuple):
+        return between.join(show(part) for part in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def by_full_name(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested options as one mapping, with names such as potential.gamma."""
     flat = {}

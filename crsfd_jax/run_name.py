@@ -2,11 +2,10 @@
 
 import hashlib
 import re
-from typing import Any
 
 from crsfd_jax import shapes
 from crsfd_jax.config import Config, to_dict
-from crsfd_jax.option_names import MAY_CHANGE, by_full_name
+from crsfd_jax.option_names import MAY_CHANGE, by_full_name, show
 from crsfd_jax.randomisation import TRAINING, Randomisation
 from crsfd_jax.smoke import smoke_sized
 from crsfd_jax.units import format_length
@@ -42,15 +41,9 @@ def default_folder(config: Config) -> str:
 def _unusual(config: Config, usual: Config) -> list[str]:
     known = by_full_name(to_dict(usual))
     return [
-        f"{option}{_show(value)}"
+        f"{option}{show(value, 'x')}"
         for option, value in by_full_name(to_dict(config)).items()
         if value != known[option] and option not in (*_ELSEWHERE, *_NOWHERE)
         # These ranges are what "randomised" means unless others are said.
         if not (option.startswith("randomisation.") and config.randomisation == TRAINING)
     ]
-
-
-def _show(value: Any) -> str:
-    if isinstance(value, tuple):
-        return "x".join(map(_show, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)

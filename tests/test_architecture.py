@@ -12,7 +12,7 @@ ORDER = tuple(
     """
     errors extras units types intervals files option_names limits shapes option_types
     randomisation config smoke validation cli keywords interrupt compile_cache progress leaves
-    npz metrics troubles
+    npz metrics troubles curve
     run_folder manifest loggers policy artefacts run_name together array_store checkpoints
     divergence
     sweeps
@@ -22,6 +22,7 @@ ORDER = tuple(
     demos.options demos.provenance demos.dataset demos.builtin demos.replay
     demos.layout demos.hdf5 demos.robomimic demos.minari demos.exchange
     learn algorithms free_space train_step chunk evaluation trained success deploy
+    shown_potential
     demos.recordable demos.rollout demos.expert demos.record demos.commands
     report gym checkup program standing outcome viewer clips bookkeeping trainer
     view evaluate train sweep doctor export report.__main__ demos.__main__ __main__

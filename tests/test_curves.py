@@ -8,9 +8,9 @@ from PIL import Image
 from scipy.stats import binomtest
 
 from crsfd_jax import metrics
-from crsfd_jax.errors import UserError
+from crsfd_jax.curve import curve, mean_and_std
+from crsfd_jax.drawing.learning_curve import plot
 from crsfd_jax.intervals import wilson_interval
-from crsfd_jax.report.curves import curve, mean_and_spread, plot
 
 
 @pytest.mark.parametrize(
@@ -39,15 +39,6 @@ def test_impossible_counts_are_refused(counts):
         wilson_interval(*counts)
 
 
-def rows(name="eval/success_rate", seeds=3, steps=(0, 100, 200)):
-    rates = np.random.default_rng(0).uniform(size=(len(steps), seeds))
-    return [
-        {"env_steps": step, "seed": seed, name: rates[i, seed]}
-        for i, step in enumerate(steps)
-        for seed in range(seeds)
-    ]
-
-
 def test_a_curve_sorts_rows_by_step_and_seed_and_marks_what_is_missing():
     columns = {
         "env_steps": np.array([200, 100, 100]),
@@ -59,29 +50,26 @@ def test_a_curve_sorts_rows_by_step_and_seed_and_marks_what_is_missing():
     np.testing.assert_array_equal(found.values, [[1, 2], [3, np.nan]])
 
 
-def test_mean_and_spread_leave_out_seeds_without_a_value():
+def test_mean_and_std_leave_out_seeds_without_a_value():
     values = np.array([[0.0, 1.0, np.nan], [0.3, 0.3, 0.3], [np.nan] * 3])
-    mean, spread = mean_and_spread(values)
+    mean, std = mean_and_std(values)
     np.testing.assert_allclose(mean, [0.5, 0.3, np.nan])
-    np.testing.assert_allclose(spread, [0.5, 0, np.nan], atol=1e-12)
+    np.testing.assert_allclose(std, [0.5, 0, np.nan], atol=1e-12)
 
 
-def test_a_picture_is_drawn_for_one_run_and_for_several(tmp_path):
-    metrics.append(tmp_path / "a.csv", rows())
-    metrics.append(tmp_path / "b.csv", rows("train/success_rate", seeds=1, steps=(50,)))
-    plot({"a": tmp_path / "a.csv"}, tmp_path / "new" / "one.png")
-    plot({"a": tmp_path / "a.csv", "b": tmp_path / "b.csv"}, tmp_path / "two.png")
-    one, two = Image.open(tmp_path / "new" / "one.png"), Image.open(tmp_path / "two.png")
-    assert two.width == 2 * one.width
-    assert len(one.convert("RGB").getcolors(1 << 20)) > 20
-
-
-def test_runs_without_an_evaluation_are_refused_by_name(tmp_path):
-    metrics.append(tmp_path / "a.csv", rows())
-    metrics.truncate(tmp_path / "a.csv", -1)
-    with pytest.raises(UserError, match=r"a.csv: holds no evaluation"):
-        plot({"a": tmp_path / "a.csv"}, tmp_path / "a.png")
-    metrics.append(tmp_path / "b.csv", rows("loss"))
-    with pytest.raises(UserError, match="none of eval/success_rate"):
-        plot({"b": tmp_path / "b.csv"}, tmp_path / "b.png")
-    assert not (tmp_path / "a.png").exists()
+@pytest.mark.parametrize("steps", [(100,), (0, 100, 200)])
+def test_a_picture_of_a_run_has_a_panel_for_evaluation_and_one_for_training(tmp_path, steps):
+    rates = np.random.default_rng(0).uniform(size=(2, 3, 3))
+    rows = [
+        {"env_steps": step, "seed": seed}
+        | {f"{who}/success_rate": rates[k, i, seed] for k, who in enumerate(("eval", "train"))}
+        for i, step in enumerate(steps)
+        for seed in range(3)
+    ]
+    metrics.append(tmp_path / "metrics.csv", rows)
+    plot("crsfd", tmp_path / "metrics.csv", tmp_path / "curves.png")
+    picture = Image.open(tmp_path / "curves.png")
+    assert picture.width > 2 * picture.height
+    for left in (0, picture.width // 2):
+        half = picture.crop((left, 0, left + picture.width // 2, picture.height))
+        assert len(half.convert("RGB").getcolors(1 << 20)) > 20

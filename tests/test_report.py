@@ -10,6 +10,7 @@ from PIL import Image
 
 from crsfd_jax import algorithms, metrics
 from crsfd_jax.config import ALGORITHMS, Config, Evaluation, Potential, to_dict
+from crsfd_jax.curve import Curve
 from crsfd_jax.errors import UserError
 from crsfd_jax.randomisation import TRAINING, Randomisation
 from crsfd_jax.report import __main__ as program
@@ -32,7 +33,6 @@ from crsfd_jax.report import (
     trials,
 )
 from crsfd_jax.report.cells import Task
-from crsfd_jax.report.curves import Curve
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN
 from crsfd_jax.report.methods import ARMS, BASELINES, WITHOUT_INTERACTION, style
 from crsfd_jax.report.summary import compare, summarise

@@ -143,7 +143,7 @@ def test_other_options_do_not_touch_a_run(whole):
     assert code == 2
     assert len(err.strip().splitlines()) == 1 and "seed 0 -> 7" in err
     code, _, err = finished("train", *OPTIONS, "--sac.hidden", "64", "--out", whole)
-    assert code == 2 and "sac.hidden [128, 128] -> [64]" in err
+    assert code == 2 and "sac.hidden 128 128 -> 64" in err
     assert (whole / "metrics.csv").read_bytes() == before
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from crsfd_jax import shown_potential
 from crsfd_jax.config import Config, Potential
 from crsfd_jax.demos import builtin
 from crsfd_jax.observation import OBS_SIZE, POSE_SCALE, TIP_POSE
@@ -16,7 +17,7 @@ from crsfd_jax.scene.digits import HOLE_DEPTH
 
 def test_tracks_are_the_tips_of_the_episodes_in_metres_with_their_last_state():
     demos = builtin.load("builtin")
-    tracks = value_map.tracks(demos)
+    tracks = shown_potential.tracks(demos)
     length = demos.episode_length
     assert tracks.shape == (len(length), length.max() + 1, 3)
     np.testing.assert_array_equal(np.isfinite(tracks[..., 0]).sum(axis=1), length + 1)
@@ -48,7 +49,7 @@ def test_the_potential_drawn_is_the_one_that_the_runs_learned_with(tmp_path, mon
 
     fitted = []
     monkeypatch.setattr(value_map, "draw", lambda *_: None)
-    monkeypatch.setattr(value_map, "fit", lambda config: (fitted.append(config), None))
+    monkeypatch.setattr(shown_potential, "fit", lambda config: (fitted.append(config), None))
     make_run(tmp_path / "a", demo_episodes=7, potential=Potential(gamma=gamma))
     make_run(tmp_path / "b", "sacfd", potential=Potential(gamma=0.1))
     value_map.draw_of(cells_of(tmp_path), tmp_path / "map.png")
@@ -61,9 +62,9 @@ def test_the_fitted_potential_rises_towards_the_end_of_the_demonstrations(monkey
     def sample(key, count):
         return jax.random.uniform(key, (count, OBS_SIZE), minval=-5.0, maxval=5.0)
 
-    monkeypatch.setattr(value_map.free_space, "make", lambda scene, extent: sample)
+    monkeypatch.setattr(shown_potential.free_space, "make", lambda scene, extent: sample)
     few = Potential(steps=300, hidden=(32,))
-    phi, tracks = value_map.fit(dataclasses.replace(Config(), potential=few))
+    phi, tracks = shown_potential.fit(dataclasses.replace(Config(), potential=few))
     poses = np.zeros((3, 6))
     poses[:, 2] = (-HOLE_DEPTH, 0.0, 0.14)
     inserted, mouth, above = phi(poses)
@@ -75,9 +76,9 @@ def test_the_fitted_potential_rises_towards_the_end_of_the_demonstrations(monkey
 def test_the_potential_of_an_ablation_is_that_of_its_own_options():
     options = Config(potential=Potential(steps=200))
     poses = np.array([[0.0, 0.0, 0.03, 0.0, 0.0, 0.0], [0.1, 0.0, 0.1, 0.0, 0.0, 0.0]])
-    plain, _ = value_map.fit(options)
-    arm, _ = value_map.fit(dataclasses.replace(options, algorithm="crsfd_no_free_space"))
+    plain, _ = shown_potential.fit(options)
+    arm, _ = shown_potential.fit(dataclasses.replace(options, algorithm="crsfd_no_free_space"))
     without = dataclasses.replace(options.potential, free_space_weight=0.0)
-    by_hand, _ = value_map.fit(dataclasses.replace(options, potential=without))
+    by_hand, _ = shown_potential.fit(dataclasses.replace(options, potential=without))
     np.testing.assert_array_equal(arm(poses), by_hand(poses))
     assert (arm(poses) != plain(poses)).any()

@@ -8,9 +8,9 @@ import matplotlib.lines
 import numpy as np
 from matplotlib.axes import Axes
 
+from crsfd_jax.curve import Curve, mean_and_std
 from crsfd_jax.files import write_atomically
 from crsfd_jax.report.cells import Cell
-from crsfd_jax.report.curves import Curve, mean_and_spread
 from crsfd_jax.report.layout import Figure
 from crsfd_jax.report.methods import Style, rank, style
 
@@ -90,8 +90,8 @@ def _draw_panel(axes: Axes, cells: tuple[Cell, ...], looks: dict[tuple[str, str]
 def _draw_cell(axes: Axes, cell: Cell, look: Style) -> None:
     curve = at_common_steps(cell.curve)
     thousands = curve.env_steps / 1000
-    mean, spread = mean_and_spread(curve.values)
-    low, high = np.clip(mean - spread, 0, 1), np.clip(mean + spread, 0, 1)
+    mean, std = mean_and_std(curve.values)
+    low, high = np.clip(mean - std, 0, 1), np.clip(mean + std, 0, 1)
     axes.fill_between(thousands, low, high, color=look.colour, alpha=0.13, linewidth=0)
     (line,) = axes.plot(thousands, mean, marker="o" if len(mean) == 1 else None)
     line.set(color=look.colour, linestyle=look.dashes, linewidth=look.width)

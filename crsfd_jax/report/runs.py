@@ -8,10 +8,10 @@ import numpy as np
 
 from crsfd_jax import manifest, metrics, run_folder, troubles
 from crsfd_jax.config import to_dict
+from crsfd_jax.curve import Curve, curve
 from crsfd_jax.errors import UserError
 from crsfd_jax.manifest import Manifest
 from crsfd_jax.option_names import by_full_name
-from crsfd_jax.report.curves import Curve, curve
 
 SUCCESS = "eval/success_rate"
 EXPLORING = "train/success_rate"

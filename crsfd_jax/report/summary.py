@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from crsfd_jax.curve import Curve
 from crsfd_jax.report import statistics
 from crsfd_jax.report.cells import Cell
-from crsfd_jax.report.curves import Curve
 from crsfd_jax.report.pairing import common_steps
 from crsfd_jax.report.statistics import Estimate
 

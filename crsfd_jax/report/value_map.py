@@ -1,32 +1,21 @@
 """Pictures of the potential that shapes CRSfD's rewards, with the demonstrations drawn in."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from crsfd_jax import algorithms, free_space
-from crsfd_jax.algorithms import crsfd
-from crsfd_jax.algorithms.method import Preparation
+from crsfd_jax import shown_potential
 from crsfd_jax.config import Config
-from crsfd_jax.demos import builtin
-from crsfd_jax.demos.dataset import Demonstrations
-from crsfd_jax.learn import potential
-from crsfd_jax.observation import CLIP, POSE_SCALE, TIP_POSE
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.figures import clean, save
-from crsfd_jax.scene.build import build
 from crsfd_jax.scene.digits import HOLE_DEPTH
+from crsfd_jax.shown_potential import Phi
 
-Phi = Callable[[np.ndarray], np.ndarray]
-"""Potential [...] of upright or tilted poses [..., 6]: tip position (m) and rotation vector (rad)
-in the frame of the nominal socket's mouth."""
 SHIFTS_MM = (4, 6, 8)
 _SIDE, _LOW, _HIGH = 0.03, -0.035, 0.075
 """m, half width of the pictures, and their lowest and highest point."""
@@ -45,7 +34,7 @@ def draw_of(cells: Sequence[Cell], path: Path) -> str:
     """
     ours = (c.runs[0].manifest.config for c in cells if c.method == "crsfd" and not c.variant)
     config = next(ours, Config())
-    draw(*fit(config), path)
+    draw(*shown_potential.fit(config), path)
     return (
         "The potential that shapes the rewards, fitted as in training with a shift of "
         f"{config.shift * 1e3:g} mm, for a tip at rest in the frame of the nominal socket. "
@@ -55,47 +44,11 @@ def draw_of(cells: Sequence[Cell], path: Path) -> str:
     )
 
 
-def fit(config: Config) -> tuple[Phi, np.ndarray]:
-    """The potential as CRSfD, or an arm of its ablation, fits it with these options.
-
-    The random numbers are not those of a seed of the run.
-
-    Returns:
-      The potential, and positions [K, T, 3] of the tip in the demonstrations, m, NaN after the
-      end of an episode.
-
-    Raises:
-      UserError: the demonstrations cannot be used.
-    """
-    demos = builtin.load(config.demos, config.demo_episodes)
-    sampler = free_space.make(build(config.scene), config.potential.free_space_extent)
-    key = jax.random.key(config.seed)
-    config = algorithms.load(config.algorithm).configure(config)
-    fitted = crsfd.prepare(key, Preparation.of(demos, sampler), config)
-
-    def phi(poses: np.ndarray) -> np.ndarray:
-        features = jnp.clip(jnp.asarray(poses / POSE_SCALE), -CLIP, CLIP)
-        return np.asarray(potential.evaluate(fitted, features))
-
-    return phi, tracks(demos)
-
-
-def tracks(demos: Demonstrations) -> np.ndarray:
-    """Tip positions [K, T, 3] of the episodes, m, NaN after the end of each."""
-    tip = demos.obs[:, TIP_POSE][:, :3] * POSE_SCALE[:3]
-    last = demos.next_obs[:, TIP_POSE][:, :3] * POSE_SCALE[:3]
-    found = np.full((len(demos.episode_length), demos.episode_length.max() + 1, 3), np.nan)
-    ends = np.cumsum(demos.episode_length)
-    for row, end, length in zip(found, ends, demos.episode_length, strict=True):
-        row[:length], row[length] = tip[end - length : end], last[end - 1]
-    return found
-
-
 def draw(phi: Phi, demos: np.ndarray, path: Path) -> None:
     """Writes the socket plane, a vertical cut and three profiles as PNG.
 
     Args:
-      demos: [K, T, 3] tip positions, as from `tracks`.
+      demos: [K, T, 3] tip positions, as from `shown_potential.tracks`.
     """
     canvas = matplotlib.figure.Figure((10.5, 7.4), layout="constrained")
     halves: Any = canvas.subfigures(2, 1, height_ratios=(1.75, 1))

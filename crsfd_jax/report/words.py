@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from crsfd_jax.config import Config, to_dict
-from crsfd_jax.option_names import by_full_name
+from crsfd_jax.option_names import by_full_name, show
 
 _MOST = 3
 """Options that are named; dots stand for more."""
@@ -24,13 +24,7 @@ def in_words(changed: Mapping[str, Any]) -> str:
 
 
 def _in_words(name: str, value: Any) -> str:
-    return _WORDS[name](value) if name in _WORDS else f"{name} {_plain(value)}"
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, tuple):
-        return " ".join(map(_plain, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return _WORDS[name](value) if name in _WORDS else f"{name} {show(value)}"
 
 
 def _millimetres(metres: float) -> str:
@@ -42,7 +36,7 @@ def _demonstrations(count: int) -> str:
 
 
 def _turned(radians: tuple[float, ...]) -> str:
-    return f"hole turned by {' to '.join(map(_plain, radians))} rad"
+    return f"hole turned by {show(radians, ' to ')} rad"
 
 
 _WORDS: dict[str, Callable[[Any], str]] = {

@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from crsfd_jax import compile_cache, extras
+from crsfd_jax import compile_cache, extras, shown_potential
 from crsfd_jax.errors import UserError
-from crsfd_jax.report import value_map
 from crsfd_jax.viewer import drawing, live, panel, potential_map, session
 
 
@@ -39,7 +38,7 @@ def opened(
 
     loaded = live.load(run)
     wanted = live.task_of(loaded, shape, shift)
-    phi, _ = value_map.fit(loaded.config)
+    phi, _ = shown_potential.fit(loaded.config)
     # Browsers open connections in advance and drop them, which is no error.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     server: Any = viser.ViserServer(host=host, port=port, label="crsfd_jax", verbose=False)
