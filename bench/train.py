@@ -11,10 +11,12 @@ import time
 import jax
 import jax.numpy as jnp
 
-from crsfd_jax import cli, compile_cache, device, manifest
-from crsfd_jax import program as program_of
+from crsfd_jax import cli, compile_cache
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
+from crsfd_jax.storage import manifest
+from crsfd_jax.training import devices
+from crsfd_jax.training import program as program_of
 
 ROUNDS = 5
 
@@ -96,7 +98,7 @@ def run(argv: list[str]) -> int:
         "algorithm": config.algorithm,
         "seeds": config.seeds,
         "steps": config.steps,
-        "device": device.describe(config),
+        "device": devices.describe(config),
         **measure(config),
         "versions": manifest.versions(),
     }

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import tyro
 
-from crsfd_jax import cli, metrics, run_folder
+from crsfd_jax import cli
 from crsfd_jax.config import Config
+from crsfd_jax.storage import metrics, run_folder
 from crsfd_jax.sweeps import local_pool
 from crsfd_jax.sweeps.attempt import Plan
 from crsfd_jax.sweeps.cells import Cell

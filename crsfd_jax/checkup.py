@@ -12,13 +12,14 @@ from typing import Any
 import jax
 import mujoco
 
-from crsfd_jax import compile_cache, config, extras, manifest, task
+from crsfd_jax import compile_cache, config, extras, task
 from crsfd_jax.drawing import picture
 from crsfd_jax.env import Env, EnvState
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE
 from crsfd_jax.physics import select
 from crsfd_jax.scene.build import build, model_of
+from crsfd_jax.storage import manifest
 
 PACKAGES = ("numpy", "matplotlib", "pillow", "tyro", "rich")
 """Besides those that a run folder lists."""

@@ -16,9 +16,9 @@ import tyro
 
 from crsfd_jax.config import Config
 from crsfd_jax.errors import STOPPED, UserError
-from crsfd_jax.limits import check_limits, choice_message
-from crsfd_jax.smoke import smoke_sized
-from crsfd_jax.validation import validate
+from crsfd_jax.options.limits import check_limits, choice_message
+from crsfd_jax.options.smoke import smoke_sized
+from crsfd_jax.options.validation import validate
 
 ConfigT = TypeVar("ConfigT")
 

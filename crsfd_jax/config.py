@@ -13,10 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from crsfd_jax import shapes
 from crsfd_jax.errors import UserError
-from crsfd_jax.limits import Interval, OneOf, is_like
-from crsfd_jax.option_types import (
+from crsfd_jax.options import shapes
+from crsfd_jax.options.field_types import (
     Count,
     Discount,
     Fraction,
@@ -26,7 +25,8 @@ from crsfd_jax.option_types import (
     Weight,
     Widths,
 )
-from crsfd_jax.randomisation import Randomisation
+from crsfd_jax.options.limits import Interval, OneOf, is_like
+from crsfd_jax.options.randomisation import Randomisation
 
 SHAPES = tuple(shapes.GRIDS)
 ALGORITHMS = tuple(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from crsfd_jax import cli
-from crsfd_jax.limits import Interval
+from crsfd_jax.options.limits import Interval
 
 _WIDTH = 400
 

@@ -7,11 +7,13 @@ from typing import Annotated, Literal
 
 import tyro
 
-from crsfd_jax import artefacts, cli, files, validation
+from crsfd_jax import cli
 from crsfd_jax.config import Config
-from crsfd_jax.limits import Interval
-from crsfd_jax.option_types import Length, Shape
-from crsfd_jax.randomisation import HELD_OUT, Randomisation
+from crsfd_jax.options import validation
+from crsfd_jax.options.field_types import Length, Shape
+from crsfd_jax.options.limits import Interval
+from crsfd_jax.options.randomisation import HELD_OUT, Randomisation
+from crsfd_jax.storage import artefacts, files
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from crsfd_jax import task
 from crsfd_jax.config import Config
 from crsfd_jax.env import EnvState
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.options.shapes import read
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.scene.build import model_of
-from crsfd_jax.shapes import read
 
 
 @flax.struct.dataclass(kw_only=True)

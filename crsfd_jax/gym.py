@@ -13,12 +13,13 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from crsfd_jax import extras, functional, keywords, task
+from crsfd_jax import extras, functional, task
 from crsfd_jax.config import Config
 from crsfd_jax.drawing import opengl
 from crsfd_jax.drawing.picture import render
 from crsfd_jax.env import EnvState
 from crsfd_jax.observation import ACTION_SIZE, CLIP, OBS_SIZE
+from crsfd_jax.options import keywords
 from crsfd_jax.scene.build import model_of, place_socket
 
 try:

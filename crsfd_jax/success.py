@@ -8,12 +8,14 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from crsfd_jax import evaluation, shapes, task, trained
+from crsfd_jax import evaluation, task
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
 from crsfd_jax.intervals import wilson_interval
-from crsfd_jax.randomisation import Randomisation
+from crsfd_jax.options import shapes
+from crsfd_jax.options.randomisation import Randomisation
+from crsfd_jax.storage import trained
+from crsfd_jax.storage.files import write_atomically
 
 COLUMNS = ("seed", "shape", "trials", "successes")
 

@@ -12,11 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
-from crsfd_jax import artefacts, cli, run_folder
+from crsfd_jax import cli
 from crsfd_jax.errors import DONE, MISSED, STOPPED, UserError
 from crsfd_jax.interrupt import Interrupt
-from crsfd_jax.limits import Interval
+from crsfd_jax.options.limits import Interval
+from crsfd_jax.options.together import likeness
 from crsfd_jax.progress import say
+from crsfd_jax.storage import artefacts, run_folder
 from crsfd_jax.sweeps import (
     attempt,
     cells,
@@ -26,10 +28,9 @@ from crsfd_jax.sweeps import (
     slurm_array,
     state,
 )
-from crsfd_jax.sweeps.attempt import Group, Outcome, Plan
+from crsfd_jax.sweeps.attempt import CellResult, Group, Plan
 from crsfd_jax.sweeps.cells import Cell
 from crsfd_jax.sweeps.slurm_array import Slurm
-from crsfd_jax.together import likeness
 
 _WAIT_S = 2.0
 """Between two looks at cells that another sweep runs."""
@@ -111,7 +112,7 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
     return _work(chosen, plan, _runner(options, plan), options.together)
 
 
-Runner = Callable[[Sequence[Group], Callable[[], bool]], Iterator[Outcome]]
+Runner = Callable[[Sequence[Group], Callable[[], bool]], Iterator[CellResult]]
 
 
 def _runner(options: Sweep, plan: Plan) -> Runner:
@@ -145,14 +146,14 @@ def _memory_shares(options: Sweep) -> tuple[tuple[str, str], ...]:
 
 def _work(chosen: Sequence[Cell], plan: Plan, runner: Runner, together: int) -> int:
     """Runs cells until each has ended, waiting for those that another sweep has."""
-    ended: dict[str, Outcome] = {}
+    ended: dict[str, CellResult] = {}
     waited = False
     with Interrupt() as interrupt:
         while not interrupt.requested:
             words = {cell: state.read(plan.out, cell).word for cell in chosen}
             for cell in chosen:
                 if words[cell] == "done" and cell.name not in ended:
-                    ended[cell.name] = Outcome(cell.name, "done")
+                    ended[cell.name] = CellResult(cell.name, "done")
             free = [c for c in chosen if c.name not in ended and words[c] != "running"]
             groups = grouped(free, plan.out, together)
             for outcome in runner(groups, lambda: interrupt.requested) if groups else ():
@@ -170,7 +171,7 @@ def _work(chosen: Sequence[Cell], plan: Plan, runner: Runner, together: int) -> 
 
 
 def _summarise(
-    chosen: Sequence[Cell], plan: Plan, ended: dict[str, Outcome], interrupted: bool
+    chosen: Sequence[Cell], plan: Plan, ended: dict[str, CellResult], interrupted: bool
 ) -> int:
     failed = [outcome for outcome in ended.values() if outcome.word == "failed"]
     done = sum(outcome.word == "done" for outcome in ended.values())

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from crsfd_jax import config, env
+from crsfd_jax.options.shapes import read
 from crsfd_jax.physics import select
 from crsfd_jax.physics.interface import Engine
 from crsfd_jax.scene import randomize
 from crsfd_jax.scene.build import Scene, build
 from crsfd_jax.scene.kinematics import chain
-from crsfd_jax.shapes import read
 
 
 def engine(

@@ -3,10 +3,12 @@
 `--and` between two command lines trains both runs side by side in one program.
 """
 
-from crsfd_jax import cli, loggers, together
+from crsfd_jax import cli
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
 from crsfd_jax.drawing import opengl
+from crsfd_jax.options import together
+from crsfd_jax.storage import loggers
 
 
 def run(argv: list[str]) -> int:
@@ -15,10 +17,11 @@ def run(argv: list[str]) -> int:
     together.require_alike(configs)
     demos = builtin.load(configs[0].demos, configs[0].demo_episodes)
     # jax takes seconds to import: what is wrong with the input is said before.
-    from crsfd_jax import compile_cache, spread, trainer
+    from crsfd_jax import compile_cache
+    from crsfd_jax.training import devices, trainer
 
     compile_cache.enable()
-    spread.join()
+    devices.join()
     return trainer.train(configs, demos)
 
 

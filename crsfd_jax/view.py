@@ -11,11 +11,13 @@ from typing import Annotated
 
 import tyro
 
-from crsfd_jax import artefacts, cli, config, option_types, shapes, validation
+from crsfd_jax import cli, config
 from crsfd_jax.drawing import opengl
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
-from crsfd_jax.limits import Interval
+from crsfd_jax.options import field_types, shapes, validation
+from crsfd_jax.options.limits import Interval
+from crsfd_jax.storage import artefacts
+from crsfd_jax.storage.files import write_atomically
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class View:
 
     run: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="RUN")] = ""
     """Folder of the run to watch or film; without one, a picture of the task is drawn."""
-    shape: option_types.Shape | None = None
+    shape: field_types.Shape | None = None
     """Peg and socket: 0, 1, 2, 3, 4 or a text file with a grid of # and . for cells; the run's own
     if not given, or 2."""
     shift: Annotated[config.Length, Interval(0, 0.02)] | None = None

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import tyro
 
-from crsfd_jax import cli, manifest, run_folder
+from crsfd_jax import cli
 from crsfd_jax.errors import UserError
-from crsfd_jax.run_folder import RunFolder
+from crsfd_jax.storage import manifest, run_folder
+from crsfd_jax.storage.run_folder import RunFolder
 
 RESULTS = Path(__file__).parent / "results"
 

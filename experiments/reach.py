@@ -19,8 +19,8 @@ import tyro
 
 from crsfd_jax import cli, compile_cache, config
 from crsfd_jax.env import rest_posture
+from crsfd_jax.options.randomisation import HELD_OUT
 from crsfd_jax.physics.interface import Surroundings
-from crsfd_jax.randomisation import HELD_OUT
 from crsfd_jax.scene.build import build
 from crsfd_jax.scene.kinematics import chain, tip_pose
 

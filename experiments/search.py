@@ -23,10 +23,11 @@ import numpy as np
 import tyro
 from matplotlib.axes import Axes
 
-from crsfd_jax import cli, compile_cache, task, trained
+from crsfd_jax import cli, compile_cache, task
 from crsfd_jax.learn.networks import mode_action
+from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.physics.interface import Surroundings
-from crsfd_jax.randomisation import Randomisation
+from crsfd_jax.storage import trained
 
 EPISODES = 1000
 """Of each seed."""

@@ -22,7 +22,7 @@ from crsfd_jax import cli, config, task
 from crsfd_jax.env import inserted
 from crsfd_jax.errors import UserError
 from crsfd_jax.intervals import wilson_interval
-from crsfd_jax.limits import Interval
+from crsfd_jax.options.limits import Interval
 from crsfd_jax.scene import kinematics
 
 

@@ -8,11 +8,13 @@ import os
 import signal
 import time
 
-from crsfd_jax import artefacts, cli, metrics, together
+from crsfd_jax import cli
 from crsfd_jax.config import Config
 from crsfd_jax.errors import DONE, STOPPED, UserError
 from crsfd_jax.interrupt import Interrupt
-from crsfd_jax.smoke import smoke_sized
+from crsfd_jax.options import together
+from crsfd_jax.options.smoke import smoke_sized
+from crsfd_jax.storage import artefacts, metrics
 
 STEP = 1024
 

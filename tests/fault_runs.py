@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crsfd_jax import metrics
+from crsfd_jax.storage import metrics
 
 DRIVER = Path(__file__).with_name("fault_driver.py")
 OPTIONS = (

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from crsfd_jax import config, manifest, metrics, policy
+from crsfd_jax import config
 from crsfd_jax.observation import OBS_SIZE
+from crsfd_jax.storage import manifest, metrics, policy
 
 WIDTH = 11
 OPTIONS = config.Config(

@@ -7,8 +7,9 @@ import dataclasses
 
 import probe_env
 
-from crsfd_jax import cli, compile_cache, program, spread, trainer
+from crsfd_jax import cli, compile_cache
 from crsfd_jax.demos import builtin
+from crsfd_jax.training import devices, program, trainer
 
 
 def run(argv: list[str]) -> int:
@@ -25,5 +26,5 @@ def run(argv: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    spread.join()
+    devices.join()
     cli.main(run)

@@ -10,21 +10,24 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = "crsfd_jax"
 ORDER = tuple(
     """
-    errors extras units types intervals files option_names limits shapes option_types
-    randomisation config smoke validation cli keywords interrupt compile_cache progress leaves
-    npz metrics troubles curve
-    run_folder manifest loggers policy artefacts run_name together array_store checkpoints
-    divergence
+    errors extras types intervals
+    storage.files storage.npz options.units options.names options.limits options.shapes
+    options.field_types options.randomisation config options.smoke options.validation cli
+    options.keywords options.run_name options.together interrupt compile_cache progress
+    storage.leaves storage.metrics training.troubles curve
+    storage.run_folder storage.manifest storage.loggers storage.policy storage.artefacts
+    storage.array_store storage.checkpoints
     sweeps
     scene.digits scene.build scene.kinematics drawing
     physics.interface physics.host_call physics.native physics.mjx physics.select
-    observation scene.randomize sensing env task functional device spread
+    observation scene.randomize sensing env task functional training.devices
     demos.options demos.provenance demos.dataset demos.builtin demos.replay
     demos.layout demos.hdf5 demos.robomimic demos.minari demos.exchange
-    learn algorithms free_space train_step chunk evaluation trained success deploy
-    shown_potential
+    learn algorithms free_space training.divergence training.train_step training.chunk evaluation
+    storage.trained success deploy shown_potential
     demos.recordable demos.rollout demos.expert demos.record demos.commands
-    report gym checkup program standing outcome viewer clips bookkeeping trainer
+    report gym checkup training.program training.standing training.verdict viewer
+    training.clips training.bookkeeping training.trainer
     view evaluate train sweep doctor export report.__main__ demos.__main__ __main__
     """.split()  # noqa: SIM905
 )

@@ -12,14 +12,14 @@ from collections import namedtuple
 
 import pytest
 
-from crsfd_jax import artefacts, manifest
-from crsfd_jax.artefacts import open_run, refuse_full_disk
 from crsfd_jax.config import Config, Sac
 from crsfd_jax.errors import UserError
+from crsfd_jax.storage import artefacts, manifest
+from crsfd_jax.storage.artefacts import open_run, refuse_full_disk
 
 HOLDER = """
 import sys, time
-from crsfd_jax.artefacts import open_run
+from crsfd_jax.storage.artefacts import open_run
 from crsfd_jax.config import Config
 
 with open_run(sys.argv[1], Config(), "cpu", []):

@@ -8,12 +8,13 @@ import numpy as np
 import probe_env
 from test_train_step import learner_and_states
 
-from crsfd_jax import algorithms, chunk, train_step
+from crsfd_jax import algorithms
 from crsfd_jax.algorithms import bc
 from crsfd_jax.config import Sac
 from crsfd_jax.learn import networks
 from crsfd_jax.learn.replay import Backup, Batch
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.training import chunk, train_step
 from crsfd_jax.types import Transition
 
 NETS = networks.make_networks(Sac(hidden=(16, 16)), ACTION_SIZE)

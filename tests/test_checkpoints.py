@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crsfd_jax import checkpoints
 from crsfd_jax.errors import UserError
-from crsfd_jax.leaves import stored_bytes
+from crsfd_jax.storage import checkpoints
+from crsfd_jax.storage.leaves import stored_bytes
 
 
 def make_state(seed: int):

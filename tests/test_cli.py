@@ -13,20 +13,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from crsfd_jax import __main__ as overview
-from crsfd_jax import artefacts, cli, evaluate
+from crsfd_jax import cli, evaluate
 from crsfd_jax.config import ALGORITHMS, Config, Sac, to_dict
 from crsfd_jax.demos import __main__ as demos
 from crsfd_jax.errors import UserError
-from crsfd_jax.limits import Interval, check_limits
-from crsfd_jax.run_name import run_name
-from crsfd_jax.smoke import smoke_sized
-from crsfd_jax.validation import validate
+from crsfd_jax.options.limits import Interval, check_limits
+from crsfd_jax.options.run_name import run_name
+from crsfd_jax.options.smoke import smoke_sized
+from crsfd_jax.options.validation import validate
+from crsfd_jax.storage import artefacts
 
 PROGRAM = """
 import sys
 from crsfd_jax import cli
 from crsfd_jax.config import Config
-from crsfd_jax.run_name import run_name
+from crsfd_jax.options.run_name import run_name
 
 def run(argv):
     print(run_name(cli.parse(Config, argv)))

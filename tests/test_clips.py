@@ -11,9 +11,10 @@ import pytest
 from PIL import Image
 from test_view import needs_opengl
 
-from crsfd_jax import clips, config, train
+from crsfd_jax import config, train
 from crsfd_jax.drawing import opengl
 from crsfd_jax.errors import UserError
+from crsfd_jax.training import clips
 from crsfd_jax.viewer import film
 
 OPTIONS = config.Config(

@@ -10,8 +10,9 @@ import jax
 import numpy as np
 import pytest
 
-from crsfd_jax import evaluation, export, task, trained
+from crsfd_jax import evaluation, export, task
 from crsfd_jax.intervals import wilson_interval
+from crsfd_jax.storage import trained
 
 EXPERIMENTS = Path(__file__).parents[1] / "experiments"
 EPISODES = 20

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.stats import binomtest
 
-from crsfd_jax import metrics
 from crsfd_jax.curve import curve, mean_and_std
 from crsfd_jax.drawing.learning_curve import plot
 from crsfd_jax.intervals import wilson_interval
+from crsfd_jax.storage import metrics
 
 
 @pytest.mark.parametrize(

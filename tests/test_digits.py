@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from crsfd_jax import shapes
+from crsfd_jax.options import shapes
 from crsfd_jax.scene import digits
 
 FOOTPRINT = 0.04

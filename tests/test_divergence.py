@@ -6,10 +6,11 @@ import numpy as np
 import probe_env
 import pytest
 
-from crsfd_jax import artefacts, checkpoints, divergence, metrics, trainer
 from crsfd_jax.errors import UserError
 from crsfd_jax.interrupt import Interrupt
-from crsfd_jax.program import assemble, total_steps
+from crsfd_jax.storage import artefacts, checkpoints, metrics
+from crsfd_jax.training import divergence, trainer
+from crsfd_jax.training.program import assemble, total_steps
 
 SITES = {
     "actor": lambda states: states.agent.actor,

@@ -14,9 +14,10 @@ import numpy as np
 import probe_env
 import pytest
 
-from crsfd_jax import cli, config, program
+from crsfd_jax import cli, config
 from crsfd_jax.config import ALGORITHMS
 from crsfd_jax.sweeps import cells
+from crsfd_jax.training import program
 
 TESTS = Path(__file__).parent
 ROOT = TESTS.parent

@@ -10,9 +10,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from crsfd_jax import config, env, export, extras, randomisation, task
+from crsfd_jax import config, env, export, extras, task
 from crsfd_jax.deploy import formats
 from crsfd_jax.errors import UserError
+from crsfd_jax.options import randomisation
 
 FORMS = ("npz", "onnx", "stablehlo")
 

@@ -12,7 +12,9 @@ import test_dataset
 from hypothesis import example, given, settings
 from noted_writes import noted
 
-from crsfd_jax import artefacts, cli, compile_cache, program, train, trainer
+from crsfd_jax import cli, compile_cache, train
+from crsfd_jax.storage import artefacts
+from crsfd_jax.training import program, trainer
 
 pytestmark = pytest.mark.faults
 

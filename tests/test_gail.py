@@ -8,11 +8,12 @@ import numpy as np
 import probe_env
 import pytest
 
-from crsfd_jax import algorithms, chunk, train_step
+from crsfd_jax import algorithms
 from crsfd_jax.algorithms import gail, pofd
 from crsfd_jax.learn import replay
 from crsfd_jax.learn.replay import Draw, ReplayState
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.training import chunk, train_step
 from crsfd_jax.types import Transition
 
 STEPS = 6

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from crsfd_jax import metrics
+from crsfd_jax.storage import metrics
 
 
 @pytest.mark.slow

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from crsfd_jax import loggers, metrics
 from crsfd_jax.errors import UserError
+from crsfd_jax.storage import loggers, metrics
 
 SEEDS = range(3, 5)
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crsfd_jax import metrics
 from crsfd_jax.errors import UserError
+from crsfd_jax.storage import metrics
 
 
 def row(env_steps, seed, success=0.5):

@@ -8,8 +8,8 @@ import jax
 import numpy as np
 import pytest
 
-from crsfd_jax import policy
 from crsfd_jax.errors import UserError
+from crsfd_jax.storage import policy
 
 ACTOR = {
     "kernel": np.arange(24, dtype=np.float32).reshape(2, 3, 4),

@@ -7,11 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crsfd_jax import artefacts, config, env, evaluate, observation, task
+from crsfd_jax import config, env, evaluate, observation, task
 from crsfd_jax.errors import UserError
-from crsfd_jax.randomisation import HELD_OUT, TRAINING, Randomisation
-from crsfd_jax.run_name import run_name
+from crsfd_jax.options.randomisation import HELD_OUT, TRAINING, Randomisation
+from crsfd_jax.options.run_name import run_name
 from crsfd_jax.scene import digits, kinematics
+from crsfd_jax.storage import artefacts
 
 COUNT = 16
 OPTIONS = config.Config(shape="2", shift=2e-3, engine="native")

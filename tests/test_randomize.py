@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from crsfd_jax.randomisation import HELD_OUT, TRAINING, Randomisation
+from crsfd_jax.options.randomisation import HELD_OUT, TRAINING, Randomisation
 from crsfd_jax.scene import kinematics, randomize
 
 COUNT = 20_000

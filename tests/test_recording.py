@@ -7,13 +7,14 @@ import jax
 import numpy as np
 import pytest
 
-from crsfd_jax import config, trained
+from crsfd_jax import config
 from crsfd_jax.demos import __main__ as demos_command
 from crsfd_jax.demos import builtin, dataset, record, recordable, replay
 from crsfd_jax.demos.options import Record
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import networks
-from crsfd_jax.randomisation import Randomisation
+from crsfd_jax.options.randomisation import Randomisation
+from crsfd_jax.storage import trained
 
 
 @pytest.fixture(scope="module")

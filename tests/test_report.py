@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crsfd_jax import algorithms, metrics
+from crsfd_jax import algorithms
 from crsfd_jax.config import ALGORITHMS, Config, Evaluation, Potential, to_dict
 from crsfd_jax.curve import Curve
 from crsfd_jax.errors import UserError
-from crsfd_jax.randomisation import TRAINING, Randomisation
+from crsfd_jax.options.randomisation import TRAINING, Randomisation
 from crsfd_jax.report import __main__ as program
 from crsfd_jax.report import cells as grouping
 from crsfd_jax.report import (
@@ -39,6 +39,7 @@ from crsfd_jax.report.summary import compare, summarise
 from crsfd_jax.report.transfer import Transfer
 from crsfd_jax.report.transfer import find as find_transfers
 from crsfd_jax.report.words import in_words
+from crsfd_jax.storage import metrics
 
 STEPS = tuple(range(100, 1100, 100))
 

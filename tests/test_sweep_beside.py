@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from crsfd_jax import metrics, sweep
+from crsfd_jax import sweep
 from crsfd_jax.errors import UserError
+from crsfd_jax.storage import metrics
 from crsfd_jax.sweeps import attempt, cells, demonstrations
 
 ROOT = Path(__file__).parents[1]

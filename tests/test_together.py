@@ -12,16 +12,18 @@ import jax
 import numpy as np
 import probe_env
 import pytest
+from test_devices import assert_equal, run, start
 from test_divergence import poisoned
-from test_spread import assert_equal, run, start
 
-from crsfd_jax import artefacts, checkpoints, metrics, program, together, trainer
 from crsfd_jax.config import Config, Evaluation, Potential
 from crsfd_jax.demos import builtin
 from crsfd_jax.errors import UserError
 from crsfd_jax.interrupt import Interrupt
-from crsfd_jax.shapes import GRIDS
-from crsfd_jax.smoke import smoke_sized
+from crsfd_jax.options import together
+from crsfd_jax.options.shapes import GRIDS
+from crsfd_jax.options.smoke import smoke_sized
+from crsfd_jax.storage import artefacts, checkpoints, metrics
+from crsfd_jax.training import program, trainer
 
 PAIR = (
     Config(smoke=True, shape="3,1", shift=0.004, seed=5, seeds=1),

@@ -8,7 +8,8 @@ import numpy as np
 import probe_env
 import pytest
 
-from crsfd_jax import algorithms, chunk, train_step
+from crsfd_jax import algorithms
+from crsfd_jax.training import chunk, train_step
 
 
 def learner_and_states(config, env=None, num_demos=6, seeds=3):

@@ -11,13 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crsfd_jax import algorithms, artefacts, cli, metrics, trainer
+from crsfd_jax import algorithms, cli
 from crsfd_jax.config import ALGORITHMS, Config, Mdp, Potential, Replay, Sac, to_dict
 from crsfd_jax.demos import builtin
 from crsfd_jax.errors import UserError
-from crsfd_jax.program import CHUNK_STEPS, evaluation_period, fitted, total_steps
-from crsfd_jax.smoke import smoke_sized
+from crsfd_jax.options.smoke import smoke_sized
+from crsfd_jax.storage import artefacts, metrics
 from crsfd_jax.sweeps import state
+from crsfd_jax.training import trainer
+from crsfd_jax.training.program import CHUNK_STEPS, evaluation_period, fitted, total_steps
 
 OPTIONS = ("--smoke", "--shape", "3", "--shift", "4mm")
 

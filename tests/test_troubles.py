@@ -7,9 +7,10 @@ import numpy as np
 import probe_env
 import pytest
 
-from crsfd_jax import algorithms, chunk, config, train_step, troubles
+from crsfd_jax import algorithms, config
 from crsfd_jax.physics import native
 from crsfd_jax.scene import build
+from crsfd_jax.training import chunk, train_step, troubles
 
 COUNT = 60
 CAP = 16

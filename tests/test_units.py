@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crsfd_jax.units import format_length, parse_length
+from crsfd_jax.options.units import format_length, parse_length
 
 
 @pytest.mark.parametrize(

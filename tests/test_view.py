@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crsfd_jax import config, shapes, view
+from crsfd_jax import config, view
 from crsfd_jax.drawing import opengl, picture, video
 from crsfd_jax.errors import UserError
+from crsfd_jax.options import shapes
 from crsfd_jax.scene import build, kinematics
 
 SCENE = build.build(config.Scene())

@@ -5,7 +5,7 @@ import importlib
 from crsfd_jax.algorithms.method import Method
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
-from crsfd_jax.option_names import by_full_name
+from crsfd_jax.options.names import by_full_name
 
 
 def load(name: str) -> Method:

@@ -4,11 +4,13 @@ import dataclasses
 
 import jax
 
-from crsfd_jax import files, shapes, task, trained, validation
+from crsfd_jax import task
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin, dataset, exchange, record, recordable, replay, rollout
 from crsfd_jax.demos.options import FromRun, Record
 from crsfd_jax.errors import DONE, MISSED, UserError
+from crsfd_jax.options import shapes, validation
+from crsfd_jax.storage import files, trained
 
 _TRIALS = 200
 

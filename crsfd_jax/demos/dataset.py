@@ -23,11 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from crsfd_jax import npz
 from crsfd_jax.demos.provenance import Provenance, from_json, to_json
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
 from crsfd_jax.observation import CLIP
+from crsfd_jax.storage import npz
+from crsfd_jax.storage.files import write_atomically
 
 ARM_JOINTS = 7
 MAX_BYTES = 64 * 2**20

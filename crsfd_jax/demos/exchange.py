@@ -1,9 +1,9 @@
 """Demonstrations to and from the formats of other tools."""
 
-from crsfd_jax import files
 from crsfd_jax.demos import builtin, dataset, layout
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.storage import files
 
 _PREFIX = "minari:"
 _OUT = {"robomimic": "demos.hdf5", "minari": "crsfd/demos-v0"}

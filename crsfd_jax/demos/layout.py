@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crsfd_jax import config, shapes
+from crsfd_jax import config
 from crsfd_jax.demos import dataset
 from crsfd_jax.demos.provenance import Provenance, from_json
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.options import shapes
 from crsfd_jax.physics.interface import CONTROL_DT
 
 ENV_NAME = "crsfd/Insertion-v0"

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import tyro
 
 from crsfd_jax.config import SHAPES, Mdp, Sac, Scene
-from crsfd_jax.limits import Interval, OneOf
-from crsfd_jax.option_types import Count, Length, Shape
+from crsfd_jax.options.field_types import Count, Length, Shape
+from crsfd_jax.options.limits import Interval, OneOf
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
-from crsfd_jax import algorithms, chunk, config, evaluation, task, train_step
+from crsfd_jax import algorithms, config, evaluation, task
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.demos.expert import dense_reward
 from crsfd_jax.demos.options import Record
 from crsfd_jax.demos.rollout import Expert
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.training import chunk, train_step
 from crsfd_jax.types import Transition
 
 

@@ -2,10 +2,11 @@
 
 import datetime
 
-from crsfd_jax import config, manifest
+from crsfd_jax import config
 from crsfd_jax.demos.provenance import Provenance, obs_layout
+from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.physics.interface import CONTROL_DT
-from crsfd_jax.randomisation import Randomisation
+from crsfd_jax.storage import manifest
 
 
 def refusal(options: config.Config) -> str:

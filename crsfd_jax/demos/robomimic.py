@@ -25,9 +25,9 @@ from crsfd_jax import extras
 from crsfd_jax.demos import dataset, hdf5, layout
 from crsfd_jax.demos.provenance import to_json
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
 from crsfd_jax.observation import ACTION_SIZE, OBSERVATION, SCALE
 from crsfd_jax.physics.interface import CONTROL_DT
+from crsfd_jax.storage.files import write_atomically
 
 _GYM = 2
 """robomimic's number for environments that gymnasium makes."""

@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import train_step
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.demos.provenance import Provenance
 from crsfd_jax.env import Env
 from crsfd_jax.learn.networks import Actor, Networks, Params, apply
+from crsfd_jax.training import train_step
 from crsfd_jax.types import Transition
 
 

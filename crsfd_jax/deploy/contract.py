@@ -5,14 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from crsfd_jax import manifest, task
+from crsfd_jax import task
 from crsfd_jax.env import SETPOINT_HIGH, SETPOINT_LOW, SUCCESS_DEPTH, rest_posture
 from crsfd_jax.observation import ACTION_SIZE, CLIP, OBS_SIZE, OBSERVATION
+from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.physics.interface import CONTROL_DT
-from crsfd_jax.randomisation import Randomisation
 from crsfd_jax.scene.build import Scene
 from crsfd_jax.scene.kinematics import chain
-from crsfd_jax.trained import Chosen, Trained
+from crsfd_jax.storage import manifest
+from crsfd_jax.storage.trained import Chosen, Trained
 
 
 def describe(trained: Trained, chosen: Chosen, file: str) -> dict[str, Any]:

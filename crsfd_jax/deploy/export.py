@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import trained
 from crsfd_jax.deploy import contract
 from crsfd_jax.deploy.formats import FORMATS, mean_layers
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
 from crsfd_jax.learn.networks import mode_action
 from crsfd_jax.observation import CLIP, OBS_SIZE
+from crsfd_jax.storage import trained
+from crsfd_jax.storage.files import write_atomically
 
 TOLERANCE = 1e-5
 OBSERVATIONS = 1000

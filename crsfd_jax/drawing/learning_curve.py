@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crsfd_jax import metrics
 from crsfd_jax.curve import Curve, curve, mean_and_std
-from crsfd_jax.files import write_atomically
+from crsfd_jax.storage import metrics
+from crsfd_jax.storage.files import write_atomically
 
 PANELS = {
     "eval/success_rate": "evaluation, deterministic policy",

@@ -6,10 +6,10 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from crsfd_jax.drawing.picture import render
+from crsfd_jax.options.shapes import label
+from crsfd_jax.options.units import format_length
 from crsfd_jax.scene.build import Scene, model_of, place_socket
 from crsfd_jax.scene.kinematics import chain, inverse_kinematics
-from crsfd_jax.shapes import label
-from crsfd_jax.units import format_length
 
 HEIGHT = 900
 """Pixels of the picture from top to bottom."""

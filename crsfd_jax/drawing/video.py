@@ -9,7 +9,7 @@ from PIL import Image
 
 from crsfd_jax import extras
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
+from crsfd_jax.storage.files import write_atomically
 
 SUFFIXES = (".gif", ".mp4")
 

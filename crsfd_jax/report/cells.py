@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from crsfd_jax import shapes
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.curve import Curve
-from crsfd_jax.option_names import MAY_CHANGE, by_full_name
+from crsfd_jax.options import shapes
+from crsfd_jax.options.names import MAY_CHANGE, by_full_name
 from crsfd_jax.report.methods import WITHOUT_INTERACTION, method_of, rank
 from crsfd_jax.report.runs import Run
 from crsfd_jax.report.statistics import final

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from crsfd_jax.curve import Curve, mean_and_std
-from crsfd_jax.files import write_atomically
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.layout import Figure
 from crsfd_jax.report.methods import Style, rank, style
+from crsfd_jax.storage.files import write_atomically
 
 DPI = 192
 """Twice that of a page, for sharp screens and print."""

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from crsfd_jax import manifest, run_folder
 from crsfd_jax.errors import UserError
 from crsfd_jax.report import transfer
 from crsfd_jax.report.cells import Task, task_of
 from crsfd_jax.report.methods import rank
+from crsfd_jax.storage import manifest, run_folder
 
 
 class Trials(NamedTuple):

@@ -5,9 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from crsfd_jax import run_folder
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
 from crsfd_jax.report import cells as grouping
 from crsfd_jax.report import (
     claims,
@@ -29,6 +27,8 @@ from crsfd_jax.report.layout import Figure
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.summary import LEVEL
 from crsfd_jax.report.transfer import Transfer
+from crsfd_jax.storage import run_folder
+from crsfd_jax.storage.files import write_atomically
 
 FILE = "report.html"
 MAX_FILM_BYTES = 16 * 2**20

@@ -6,12 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from crsfd_jax import manifest, metrics, run_folder, troubles
 from crsfd_jax.config import to_dict
 from crsfd_jax.curve import Curve, curve
 from crsfd_jax.errors import UserError
-from crsfd_jax.manifest import Manifest
-from crsfd_jax.option_names import by_full_name
+from crsfd_jax.options.names import by_full_name
+from crsfd_jax.storage import manifest, metrics, run_folder
+from crsfd_jax.storage.manifest import Manifest
+from crsfd_jax.training import troubles
 
 SUCCESS = "eval/success_rate"
 EXPLORING = "train/success_rate"

@@ -5,10 +5,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from crsfd_jax import manifest, run_folder
 from crsfd_jax.errors import UserError
-from crsfd_jax.randomisation import Randomisation
+from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.report.methods import rank, style
+from crsfd_jax.storage import manifest, run_folder
 
 COLUMNS = ("shape", "trials", "successes")
 """What the first line of such a file names, as evaluate --csv writes it, among other columns."""

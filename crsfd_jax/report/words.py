@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from crsfd_jax.config import Config, to_dict
-from crsfd_jax.option_names import by_full_name, show
+from crsfd_jax.options.names import by_full_name, show
 
 _MOST = 3
 """Options that are named; dots stand for more."""

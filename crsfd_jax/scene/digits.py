@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crsfd_jax import shapes
+from crsfd_jax.options import shapes
 
 HOLE_DEPTH = 0.030
 """m, mouth to floor."""

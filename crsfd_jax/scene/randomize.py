@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.physics.interface import PhysicsState, Surroundings
-from crsfd_jax.randomisation import Randomisation
 from crsfd_jax.scene.kinematics import Chain, inverse_kinematics
 
 START_HALF_WIDTH = 0.03

@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 
-from crsfd_jax import run_folder, together
 from crsfd_jax.errors import DONE, STOPPED, USAGE
+from crsfd_jax.options import together
+from crsfd_jax.storage import run_folder
 from crsfd_jax.sweeps import state
 from crsfd_jax.sweeps.cells import Cell
 
@@ -32,7 +33,7 @@ class Plan(NamedTuple):
     """Variables that a run gets besides those of the sweep."""
 
 
-class Outcome(NamedTuple):
+class CellResult(NamedTuple):
     """What became of a cell."""
 
     name: str
@@ -47,7 +48,7 @@ Group = tuple[Cell, ...]
 Stopping = Callable[[], bool]
 
 
-def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> list[Outcome]:
+def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> list[CellResult]:
     """Runs or continues cells, but for those that are finished or that somebody else has.
 
     Several are tried together once; whatever goes wrong then, each goes on by itself.
@@ -56,12 +57,12 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
       stopping: asked several times a second; once it is true, the runs save and end.
     """
     plan.out.mkdir(parents=True, exist_ok=True)
-    outcomes: list[Outcome] = []
+    outcomes: list[CellResult] = []
     logs: dict[Cell, BinaryIO] = {}
     with contextlib.ExitStack() as stack:
         for cell in group:
             if state.is_done(plan.out, cell):
-                outcomes.append(Outcome(cell.name, "done"))
+                outcomes.append(CellResult(cell.name, "done"))
                 continue
             log = stack.enter_context(state.claimed(state.log_path(plan.out, cell)))
             if log is not None and not _is_held(cell, plan):
@@ -70,7 +71,7 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
                     # Trials of a run that now goes on are not those of its policy.
                     run_folder.at(plan.out / cell.name).trials.unlink(missing_ok=True)
                 continue
-            outcomes.append(Outcome(cell.name, "busy"))
+            outcomes.append(CellResult(cell.name, "busy"))
             if log is not None:
                 log.close()
         code = None
@@ -78,14 +79,14 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
             code = _run(command_of(logs, plan), logs, plan, "together", stopping)
         for cell, log in logs.items():
             if code == STOPPED and not state.is_done(plan.out, cell):
-                outcomes.append(Outcome(cell.name, "stopped"))
+                outcomes.append(CellResult(cell.name, "stopped"))
             else:
                 outcomes.append(_run_to_end(cell, log, plan, stopping))
             log.close()
     return outcomes
 
 
-def _run_to_end(cell: Cell, log: BinaryIO, plan: Plan, stopping: Stopping) -> Outcome:
+def _run_to_end(cell: Cell, log: BinaryIO, plan: Plan, stopping: Stopping) -> CellResult:
     """Trains a cell, then plays its trials; each is tried again if it fails."""
 
     def is_trained() -> bool:
@@ -106,28 +107,28 @@ def _persist(
     stopping: Stopping,
     command: list[str],
     is_done: Callable[[], bool],
-) -> Outcome:
+) -> CellResult:
     path = state.log_path(plan.out, cell)
     for attempt in range(plan.retries + 1):
         # Another sweep may have finished it before this one had its lock.
         if is_done():
-            return Outcome(cell.name, "done")
+            return CellResult(cell.name, "done")
         if stopping():
-            return Outcome(cell.name, "stopped")
+            return CellResult(cell.name, "stopped")
         start = path.stat().st_size
         what = f"attempt {attempt + 1} of {plan.retries + 1}"
         code = _run(command, {cell: log}, plan, what, stopping)
         if code == DONE or is_done():
-            return Outcome(cell.name, "done")
+            return CellResult(cell.name, "done")
         if code == STOPPED or stopping():
-            return Outcome(cell.name, "stopped")
+            return CellResult(cell.name, "stopped")
         if _is_held(cell, plan):
-            return Outcome(cell.name, "busy")
+            return CellResult(cell.name, "busy")
         lines = state.tail(path, start)
         if code == USAGE:
             break
     _write(log, f"{state.GAVE_UP} with exit code {code}")
-    return Outcome(cell.name, "failed", (*lines, f"exit code {code}"))
+    return CellResult(cell.name, "failed", (*lines, f"exit code {code}"))
 
 
 def _is_held(cell: Cell, plan: Plan) -> bool:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 from crsfd_jax import cli
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
-from crsfd_jax.limits import choice_message
-from crsfd_jax.run_name import run_name
+from crsfd_jax.options.limits import choice_message
+from crsfd_jax.options.run_name import run_name
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
 

@@ -4,12 +4,12 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
-from crsfd_jax.sweeps.attempt import Group, Outcome, Plan, run_group
+from crsfd_jax.sweeps.attempt import CellResult, Group, Plan, run_group
 
 
 def run(
     groups: Sequence[Group], plan: Plan, workers: int, stopping: Callable[[], bool]
-) -> Iterator[Outcome]:
+) -> Iterator[CellResult]:
     """Yields what became of each cell as soon as its group has ended."""
     shares = iter(_core_shares(workers))
     with ThreadPoolExecutor(workers, initializer=lambda: _stay_on(next(shares))) as pool:

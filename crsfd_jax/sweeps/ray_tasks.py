@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from crsfd_jax import extras
-from crsfd_jax.sweeps.attempt import Group, Outcome, Plan, run_group
+from crsfd_jax.sweeps.attempt import CellResult, Group, Plan, run_group
 
 _POLL_S = 0.5
 
@@ -17,7 +17,7 @@ def run(
     workers: int,
     gpus: float,
     stopping: Callable[[], bool],
-) -> Iterator[Outcome]:
+) -> Iterator[CellResult]:
     """Yields what became of each cell as soon as its group has ended.
 
     With RAY_ADDRESS set, a group is a task of that cluster; otherwise Ray starts here, with
@@ -50,13 +50,13 @@ def run(
         ray.shutdown()
 
 
-def _outcomes(names: list[str], reference: Any) -> list[Outcome]:
+def _outcomes(names: list[str], reference: Any) -> list[CellResult]:
     import ray
 
     try:
         return ray.get(reference)
     except (ray.exceptions.TaskCancelledError, KeyboardInterrupt):
-        return [Outcome(name, "stopped") for name in names]
+        return [CellResult(name, "stopped") for name in names]
     except ray.exceptions.RayError as error:
         lines = tuple(str(error).splitlines()[-5:])
-        return [Outcome(name, "failed", lines) for name in names]
+        return [CellResult(name, "failed", lines) for name in names]

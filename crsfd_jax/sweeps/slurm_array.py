@@ -9,8 +9,8 @@ from typing import Annotated, Any, NamedTuple
 from crsfd_jax import extras
 from crsfd_jax.errors import UserError
 from crsfd_jax.interrupt import Interrupt
-from crsfd_jax.limits import Interval
-from crsfd_jax.sweeps.attempt import Group, Outcome, Plan, run_group
+from crsfd_jax.options.limits import Interval
+from crsfd_jax.sweeps.attempt import CellResult, Group, Plan, run_group
 
 _POLL_S = 2.0
 _TIMEOUTS = 100
@@ -37,7 +37,7 @@ class Job(NamedTuple):
     group: Group
     plan: Plan
 
-    def __call__(self) -> list[Outcome]:
+    def __call__(self) -> list[CellResult]:
         with Interrupt() as interrupt:
             return run_group(self.group, self.plan, lambda: interrupt.requested)
 
@@ -56,7 +56,7 @@ def run(
     slurm: Slurm,
     stopping: Callable[[], bool],
     cluster: str = "slurm",
-) -> Iterator[Outcome]:
+) -> Iterator[CellResult]:
     """Submits an array of the groups, `workers` at a time, and waits for it.
 
     Args:
@@ -100,11 +100,11 @@ def run(
         time.sleep(_POLL_S if jobs else 0)
 
 
-def _outcomes(group: Group, job: Any, cancelled: bool) -> list[Outcome]:
+def _outcomes(group: Group, job: Any, cancelled: bool) -> list[CellResult]:
     error = job.exception()
     if error is None:
         return job.result()
     if cancelled:
-        return [Outcome(cell.name, "stopped") for cell in group]
+        return [CellResult(cell.name, "stopped") for cell in group]
     lines = tuple(str(error).strip().splitlines()[-5:])
-    return [Outcome(cell.name, "failed", lines) for cell in group]
+    return [CellResult(cell.name, "failed", lines) for cell in group]

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 
-from crsfd_jax import artefacts, metrics, run_folder
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
-from crsfd_jax.option_names import MAY_CHANGE
+from crsfd_jax.options.names import MAY_CHANGE
+from crsfd_jax.storage import artefacts, metrics, run_folder
 from crsfd_jax.sweeps.cells import Cell
 
 GAVE_UP = "sweep: gave up"

@@ -8,13 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import config, env, task, trained
+from crsfd_jax import config, env, task
 from crsfd_jax.env import EnvState, Outcome
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import networks
 from crsfd_jax.observation import ACTION_SIZE
+from crsfd_jax.options.shapes import read
 from crsfd_jax.scene.build import Scene
-from crsfd_jax.shapes import read
+from crsfd_jax.storage import trained
 
 _ENGINE = "native"
 _ENDLESS = 100_000

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from crsfd_jax import option_names
 from crsfd_jax.errors import UserError
+from crsfd_jax.options import names
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def _limits_of(hint: Any) -> Iterator[Any]:
 def _check_value(option: str, value: Any, limits: tuple[Any, ...]) -> None:
     if value is None:
         return
-    show = next((limit.show for limit in limits if isinstance(limit, ShownAs)), option_names.show)
+    show = next((limit.show for limit in limits if isinstance(limit, ShownAs)), names.show)
     for limit in limits:
         if isinstance(limit, OneOf) and value not in limit.choices:
             raise UserError(choice_message(option, value, limit.choices))
@@ -140,7 +140,7 @@ def _check_ranges(option: str, ends: tuple[float, ...]) -> None:
         len(ends) == 2 and len({*ends}) == 1
     )
     if len(ends) % 2 or not rising:
-        got = option_names.show(tuple(ends))
+        got = names.show(tuple(ends))
         raise UserError(
             f"{option}: got {got}, allowed: low high, or low high low high with rising numbers; "
             "write both ends of every range"

@@ -13,14 +13,15 @@ import fault_runs
 import numpy as np
 import pytest
 
-from crsfd_jax import metrics, spread
 from crsfd_jax.errors import UserError
+from crsfd_jax.storage import metrics
+from crsfd_jax.training import devices
 
 SCRIPT = Path(__file__).with_name("probe_run.py")
 SHARES = """
 import jax
-from crsfd_jax import spread
-print([spread.mesh(seeds).size for seeds in (1, 2, 4, 5, 6, 8, 9)])
+from crsfd_jax.training import devices
+print([devices.mesh(seeds).size for seeds in (1, 2, 4, 5, 6, 8, 9)])
 """
 
 
@@ -119,7 +120,7 @@ def test_processes_that_are_named_in_part_are_refused(monkeypatch, number, own):
     monkeypatch.setenv("JAX_NUM_PROCESSES", number)
     monkeypatch.setenv("JAX_PROCESS_ID", own)
     with pytest.raises(UserError, match=r"JAX_NUM_PROCESSES and JAX_PROCESS_ID: got"):
-        spread.join()
+        devices.join()
 
 
 @pytest.mark.faults

@@ -7,10 +7,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from crsfd_jax import npz
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
-from crsfd_jax.leaves import named_leaves
+from crsfd_jax.storage import npz
+from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.leaves import named_leaves
 
 _MAX_BYTES = 2**30
 

@@ -12,14 +12,16 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from crsfd_jax import algorithms, chunk, evaluation, shapes, spread, task, train_step
+from crsfd_jax import algorithms, evaluation, task
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, Replay
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
-from crsfd_jax.run_name import default_folder
-from crsfd_jax.train_step import Learner, TrainState
+from crsfd_jax.options import shapes
+from crsfd_jax.options.run_name import default_folder
+from crsfd_jax.training import chunk, devices, train_step
+from crsfd_jax.training.train_step import Learner, TrainState
 
 CHUNK_STEPS = 16
 """Vector steps compiled as one program call; a signal is answered after at most one call."""
@@ -96,7 +98,7 @@ def assemble(
     """
     first, method = configs[0], algorithms.load(configs[0].algorithm)
     own = _own(configs)
-    mesh = spread.mesh(len(own["seed"]))
+    mesh = devices.mesh(len(own["seed"]))
     of_first = {name: values[0] for name, values in own["drawn"].items()}
 
     def learner_of(drawn: Mapping[str, jax.Array]) -> Learner:
@@ -121,10 +123,10 @@ def assemble(
         return jax.vmap(one)(actor, own)
 
     def start() -> TrainState:
-        return spread.split(begin, mesh)(own)
+        return devices.split(begin, mesh)(own)
 
     def evaluate(actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
-        return spread.split(play, mesh, spread.SEEDS, spread.WHOLE)(own, actor, env_steps)
+        return devices.split(play, mesh, devices.SEEDS, devices.WHOLE)(own, actor, env_steps)
 
     start = jax.jit(start, compiler_options=_QUICK_COMPILE)
     advance = chunk.of_each(step, own, CHUNK_STEPS, mesh)

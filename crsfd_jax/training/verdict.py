@@ -8,7 +8,7 @@ from crsfd_jax.errors import DONE, MISSED
 from crsfd_jax.intervals import wilson_interval
 
 
-class Outcome(NamedTuple):
+class Verdict(NamedTuple):
     """The last line of a run and its exit code."""
 
     line: str
@@ -17,7 +17,7 @@ class Outcome(NamedTuple):
 
 def judge(
     config: Config, success: Sequence[float], diverged: Mapping[str, int], wall_s: float
-) -> Outcome:
+) -> Verdict:
     """Sums a run up.
 
     Args:
@@ -28,7 +28,7 @@ def judge(
     counted = [rate for seed, rate in zip(seeds, success, strict=True) if seed not in diverged]
     lost = ", ".join(f"seed {seed} diverged at {diverged[seed]:,} steps" for seed in diverged)
     if not counted:
-        return Outcome(f"final success unknown: no seed counts ({lost}), {wall_s:.0f} s", MISSED)
+        return Verdict(f"final success unknown: no seed counts ({lost}), {wall_s:.0f} s", MISSED)
     trials = config.evaluation.episodes * len(counted)
     successes = round(sum(counted) * config.evaluation.episodes)
     low, high = wilson_interval(successes, trials)
@@ -38,7 +38,7 @@ def judge(
         f"({successes} of {trials} episodes, {who}), {wall_s:.0f} s"
     )
     if not config.target:
-        return Outcome(line, DONE)
+        return Verdict(line, DONE)
     missed = successes < config.target * trials
     word = "missed" if missed else "reached"
-    return Outcome(f"{line}, target {config.target:g} {word}", MISSED if missed else DONE)
+    return Verdict(f"{line}, target {config.target:g} {word}", MISSED if missed else DONE)

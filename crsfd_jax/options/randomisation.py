@@ -6,8 +6,8 @@ Ranges are written low high, or low high low high for two of them, each as likel
 from dataclasses import dataclass
 from typing import Annotated
 
-from crsfd_jax.limits import Interval, Ranges
-from crsfd_jax.option_types import Factors, Fraction, Length
+from crsfd_jax.options.field_types import Factors, Fraction, Length
+from crsfd_jax.options.limits import Interval, Ranges
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,12 @@
 import hashlib
 import re
 
-from crsfd_jax import shapes
 from crsfd_jax.config import Config, to_dict
-from crsfd_jax.option_names import MAY_CHANGE, by_full_name, show
-from crsfd_jax.randomisation import TRAINING, Randomisation
-from crsfd_jax.smoke import smoke_sized
-from crsfd_jax.units import format_length
+from crsfd_jax.options import shapes
+from crsfd_jax.options.names import MAY_CHANGE, by_full_name, show
+from crsfd_jax.options.randomisation import TRAINING, Randomisation
+from crsfd_jax.options.smoke import smoke_sized
+from crsfd_jax.options.units import format_length
 
 _ELSEWHERE = ("algorithm", "shape", "shift", "seed", "seeds", "smoke")
 """Options that every name says."""

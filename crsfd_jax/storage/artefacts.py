@@ -12,13 +12,13 @@ import socket
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from crsfd_jax import manifest, run_folder
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import STOPPED, USAGE, UserError
-from crsfd_jax.files import remove_leftovers, sync
-from crsfd_jax.manifest import Manifest
-from crsfd_jax.option_names import MAY_CHANGE, by_full_name, show
-from crsfd_jax.run_folder import RunFolder
+from crsfd_jax.options.names import MAY_CHANGE, by_full_name, show
+from crsfd_jax.storage import manifest, run_folder
+from crsfd_jax.storage.files import remove_leftovers, sync
+from crsfd_jax.storage.manifest import Manifest
+from crsfd_jax.storage.run_folder import RunFolder
 
 COPIES = 3
 """Checkpoints that exist at once: two kept and one being written."""

@@ -13,9 +13,10 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from crsfd_jax import extras, manifest, metrics, run_folder
+from crsfd_jax import extras
 from crsfd_jax.config import to_dict
-from crsfd_jax.manifest import Manifest
+from crsfd_jax.storage import manifest, metrics, run_folder
+from crsfd_jax.storage.manifest import Manifest
 
 _NEEDS = {"tensorboard": ("tb", "tensorboardX"), "wandb": ("wandb", "wandb")}
 """Extra and module of each tool."""

@@ -8,9 +8,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from crsfd_jax import troubles
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
+from crsfd_jax.training import troubles
 
 
 @dataclasses.dataclass

@@ -16,15 +16,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import algorithms, artefacts, bookkeeping, device, metrics, spread, standing
-from crsfd_jax.bookkeeping import Run
+from crsfd_jax import algorithms
 from crsfd_jax.config import Config, from_dict, to_dict
 from crsfd_jax.demos.dataset import Demonstrations, check_units
 from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.interrupt import Interrupt
-from crsfd_jax.leaves import stored_bytes
+from crsfd_jax.options.run_name import default_folder
 from crsfd_jax.physics.interface import CONTROL_DT
-from crsfd_jax.program import (
+from crsfd_jax.progress import progress, say
+from crsfd_jax.storage import artefacts, metrics
+from crsfd_jax.storage.leaves import stored_bytes
+from crsfd_jax.storage.run_folder import RunFolder
+from crsfd_jax.training import bookkeeping, devices, standing
+from crsfd_jax.training.bookkeeping import Run
+from crsfd_jax.training.program import (
     CHUNK_STEPS,
     Program,
     build,
@@ -32,11 +37,8 @@ from crsfd_jax.program import (
     fitted,
     total_steps,
 )
-from crsfd_jax.progress import progress, say
-from crsfd_jax.run_folder import RunFolder
-from crsfd_jax.run_name import default_folder
-from crsfd_jax.standing import Standing
-from crsfd_jax.train_step import TrainState
+from crsfd_jax.training.standing import Standing
+from crsfd_jax.training.train_step import TrainState
 
 _SAVE_SHARE = 0.02
 """Largest share of the wall time that saving may take."""
@@ -55,7 +57,7 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
         check_units(demos, config.mdp.action_scale, CONTROL_DT)
         algorithms.refuse_replaced(config)
     asked, configs = configs, _fitted(configs)
-    words = device.describe(configs[0])
+    words = devices.describe(configs[0])
     with _places(configs) as paths, contextlib.ExitStack() as stack:
         folders = [
             stack.enter_context(artefacts.open_run(path, config, words, sys.argv))
@@ -70,8 +72,8 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
             artefacts.refuse_full_disk(folder, size)
         say(f"device    {words}")
         if jax.device_count() > 1:
-            devices = f"{program.mesh.size} of {jax.device_count()} devices"
-            say(f"seeds     {seeds}, evenly on {devices}, {jax.process_count()} processes")
+            where = f"{program.mesh.size} of {jax.device_count()} devices"
+            say(f"seeds     {seeds}, evenly on {where}, {jax.process_count()} processes")
         for config, folder in zip(configs, folders, strict=True):
             shift = f"{config.shift * 1e3:g} mm"
             say(f"task      shape {config.shape}, shift {shift}, {config.algorithm}")
@@ -99,26 +101,26 @@ def run(
     with contextlib.ExitStack() as stack:
         show = stack.enter_context(progress(first.config.steps, first.env_steps))
         watchers = [bookkeeping.watcher(each, stack) for each in runs]
-        while not _are_over(runs) and not spread.any_of(interrupt.requested):
+        while not _are_over(runs) and not devices.any_of(interrupt.requested):
             step = first.at.step + CHUNK_STEPS
             states, values = program.advance(states, np.int32(first.at.step))
-            values = spread.collect(values)
+            values = devices.collect(values)
             for each in runs:
                 bookkeeping.add_up(each, step, values)
-            clock = _share_time(runs, clock)
+            clock = bookkeeping.share_time(runs, clock)
             if step % evaluation_period(first.config) == 0 or step == total_steps(first.config):
-                agent = spread.collect(states.agent)
+                agent = devices.collect(states.agent)
                 played = program.evaluate(states.agent.actor, np.int32(first.env_steps))
-                played = spread.collect(played)
+                played = devices.collect(played)
                 for each, watch in zip(runs, watchers, strict=True):
                     bookkeeping.evaluated(each, states, agent, played)
                     watch(agent.actor)
             show(first.env_steps, [rate for each in runs for rate in each.at.success])
-            due = spread.is_first() and save_is_due(save_s, time.monotonic() - saved_at)
-            if spread.any_of(due) and not _are_over(runs):
+            due = devices.is_first() and save_is_due(save_s, time.monotonic() - saved_at)
+            if devices.any_of(due) and not _are_over(runs):
                 save_s = _save(runs, states)
                 saved_at = time.monotonic()
-        _share_time(runs, clock)
+        bookkeeping.share_time(runs, clock)
         _save(runs, states)
     if not _are_over(runs):
         say(f"stopped at {first.env_steps} steps, saved; go on with the same command:")
@@ -135,7 +137,7 @@ def save_is_due(save_s: float, since_s: float) -> bool:
 def _fitted(configs: Sequence[Config]) -> list[Config]:
     """With the sizes that follow from what the first process has in the run folders."""
     own = [to_dict(fitted(config, artefacts.begun(default_folder(config)))) for config in configs]
-    return [from_dict(each) for each in json.loads(spread.text_from_first(json.dumps(own)))]
+    return [from_dict(each) for each in json.loads(devices.text_from_first(json.dumps(own)))]
 
 
 def _buffer(config: Config, asked: Config) -> str:
@@ -150,24 +152,16 @@ def _are_over(runs: Sequence[Run]) -> bool:
     return finished or all(each.is_lost for each in runs)
 
 
-def _share_time(runs: Sequence[Run], since: float) -> float:
-    """Adds the time since then to those of the runs, as much to each; returns what time it is."""
-    now = time.monotonic()
-    for each in runs:
-        each.at.wall_s += (now - since) / len(runs)
-    return now
-
-
 def _start_or_resume(configs, program, folders) -> tuple[TrainState, list[Run]]:
     like = jax.eval_shape(program.start)
     ends = np.cumsum([config.seeds for config in configs]).tolist()
     seeds = [slice(end - config.seeds, end) for config, end in zip(configs, ends, strict=True)]
     parts = [None] if len(configs) == 1 else seeds
     found = bookkeeping.restored(folders, parts, like)
-    if spread.any_of(found[0] is not None):
+    if devices.any_of(found[0] is not None):
         states, extras = _told(program, found)
         ats = [standing.from_saved(extra) for extra in extras]
-        states = spread.place(states, program.mesh)
+        states = devices.place(states, program.mesh)
     else:
         states, ats = None, [Standing() for _ in configs]
     runs = [Run(*each) for each in zip(configs, folders, parts, ats, strict=True)]
@@ -187,7 +181,7 @@ def _told(program: Program, found: Sequence) -> tuple[TrainState, list[dict]]:
     """What the first process found in the run folders, in every process."""
     if jax.process_count() > 1:
         # Also in the first one: all must collect, or none.
-        blank = spread.collect(program.start())
+        blank = devices.collect(program.start())
     if found[0] is None:
         states, extras = blank, []
     elif len(found) == 1:
@@ -195,7 +189,7 @@ def _told(program: Program, found: Sequence) -> tuple[TrainState, list[dict]]:
     else:
         states = jax.tree.map(lambda *x: jnp.concatenate(x), *(each.state for each in found))
         extras = [each.extra for each in found]
-    return spread.from_first(states), json.loads(spread.text_from_first(json.dumps(extras)))
+    return devices.from_first(states), json.loads(devices.text_from_first(json.dumps(extras)))
 
 
 def _compiled(program: Program, states: TrainState) -> Program:
@@ -208,8 +202,8 @@ def _compiled(program: Program, states: TrainState) -> Program:
 
 
 def _save(runs: Sequence[Run], states: TrainState) -> float:
-    began, whole = time.monotonic(), spread.collect(states)
-    if spread.is_first():
+    began, whole = time.monotonic(), devices.collect(states)
+    if devices.is_first():
         for each in runs:
             bookkeeping.save(each, whole)
     return time.monotonic() - began
@@ -218,7 +212,7 @@ def _save(runs: Sequence[Run], states: TrainState) -> float:
 @contextlib.contextmanager
 def _places(configs: Sequence[Config]) -> Iterator[list[str]]:
     """The run folders of the first process; the others are silent and leave nothing."""
-    if spread.is_first():
+    if devices.is_first():
         yield [config.out for config in configs]
         return
     with (

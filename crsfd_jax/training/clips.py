@@ -8,12 +8,12 @@ from typing import Any
 
 import jax
 
-from crsfd_jax import spread
 from crsfd_jax.config import Config
 from crsfd_jax.drawing import video
-from crsfd_jax.files import remove_leftovers
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.progress import say
+from crsfd_jax.storage.files import remove_leftovers
+from crsfd_jax.training import devices
 from crsfd_jax.viewer import film, live
 
 EPISODES = 2
@@ -38,7 +38,7 @@ def recorder(config: Config, place: Path) -> Recorder:
 
     def record(actors: Any, env_steps: int) -> None:
         nonlocal is_working
-        if not (is_working and spread.is_first()):
+        if not (is_working and devices.is_first()):
             return
         try:
             _write(arm()._replace(actors=actors), place / f"{env_steps}.gif")

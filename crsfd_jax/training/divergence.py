@@ -9,8 +9,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax.files import write_atomically
-from crsfd_jax.leaves import named_leaves, to_numpy
+from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.leaves import named_leaves, to_numpy
 
 _log = logging.getLogger(__name__)
 

@@ -4,11 +4,11 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from crsfd_jax import shapes
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
-from crsfd_jax.option_names import MAY_CHANGE, by_full_name
-from crsfd_jax.run_name import default_folder
+from crsfd_jax.options import shapes
+from crsfd_jax.options.names import MAY_CHANGE, by_full_name
+from crsfd_jax.options.run_name import default_folder
 
 MARK = "--and"
 """Between the command lines of two runs."""

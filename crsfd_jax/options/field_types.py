@@ -4,9 +4,9 @@ from typing import Annotated
 
 import tyro
 
-from crsfd_jax import shapes
-from crsfd_jax.limits import Interval, Ranges, ReadBy, ShownAs
-from crsfd_jax.units import format_length, parse_length
+from crsfd_jax.options import shapes
+from crsfd_jax.options.limits import Interval, Ranges, ReadBy, ShownAs
+from crsfd_jax.options.units import format_length, parse_length
 
 _LENGTH_SPEC = tyro.constructors.PrimitiveConstructorSpec(
     nargs=1,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
+from crsfd_jax.storage.files import write_atomically
 
 KEY_COLUMNS = ("env_steps", "seed")
 WALL_CLOCK_COLUMNS = ("time/wall_s", "time/env_steps_per_second")

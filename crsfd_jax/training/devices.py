@@ -1,4 +1,4 @@
-"""One run over several devices and hosts: each simulates and learns its share of the seeds.
+"""What a run computes on: one device, or several on several hosts with a share of the seeds each.
 
 Processes are joined before anything else asks for a device, as their environment says:
 JAX_COORDINATOR_ADDRESS (host:port of the first one), JAX_NUM_PROCESSES and JAX_PROCESS_ID. All run
@@ -15,10 +15,20 @@ import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
+from crsfd_jax.physics import select
 
 SEEDS, WHOLE = PartitionSpec("seed"), PartitionSpec()
 _JOIN = ("JAX_COORDINATOR_ADDRESS", "JAX_NUM_PROCESSES", "JAX_PROCESS_ID")
+
+
+def describe(config: Config) -> str:
+    """Devices and engine of a run in words."""
+    found = jax.devices()
+    kind = found[0].device_kind
+    cores = f", {os.cpu_count()} cores" if jax.default_backend() == "cpu" else ""
+    return f"{len(found)} x {kind}{cores}, engine {select.resolve(config.engine)}"
 
 
 def join() -> None:

@@ -1,10 +1,10 @@
 """Values of a configuration that must fit each other, besides their own ranges."""
 
-from crsfd_jax import shapes
 from crsfd_jax.config import Config, Scene
 from crsfd_jax.errors import UserError
-from crsfd_jax.limits import check_limits
-from crsfd_jax.units import format_length
+from crsfd_jax.options import shapes
+from crsfd_jax.options.limits import check_limits
+from crsfd_jax.options.units import format_length
 
 
 def validate(config: Config) -> None:

@@ -3,25 +3,13 @@
 import contextlib
 import dataclasses
 import math
+import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from crsfd_jax import (
-    artefacts,
-    checkpoints,
-    clips,
-    divergence,
-    loggers,
-    metrics,
-    outcome,
-    policy,
-    spread,
-    standing,
-    troubles,
-)
 from crsfd_jax.config import Config
 from crsfd_jax.drawing import learning_curve
 from crsfd_jax.errors import UserError
@@ -29,9 +17,11 @@ from crsfd_jax.evaluation import Episodes
 from crsfd_jax.learn.networks import Params
 from crsfd_jax.learn.sac import AgentState
 from crsfd_jax.progress import say
-from crsfd_jax.run_folder import RunFolder
-from crsfd_jax.standing import Standing
-from crsfd_jax.train_step import TrainState
+from crsfd_jax.storage import artefacts, checkpoints, loggers, metrics, policy
+from crsfd_jax.storage.run_folder import RunFolder
+from crsfd_jax.training import clips, devices, divergence, standing, troubles, verdict
+from crsfd_jax.training.standing import Standing
+from crsfd_jax.training.train_step import TrainState
 
 
 class Run(NamedTuple):
@@ -91,6 +81,14 @@ def restored(
             return found
 
 
+def share_time(runs: Sequence[Run], since: float) -> float:
+    """Adds the time since then to those of the runs, as much to each; returns what time it is."""
+    now = time.monotonic()
+    for each in runs:
+        each.at.wall_s += (now - since) / len(runs)
+    return now
+
+
 def add_up(run: Run, step: int, values: dict[str, jax.Array]) -> None:
     """Adds the metrics of a chunk that ends at `step`."""
     run.at.step = step
@@ -112,7 +110,7 @@ def evaluated(run: Run, states: TrainState, agent: AgentState, played: Episodes)
     for index, place in divergence.find(own(run, agent), at.sums).items():
         seed = run.config.seed + index
         if str(seed) not in at.diverged:
-            part = own(run, spread.collect(states))
+            part = own(run, devices.collect(states))
             divergence.keep(run.folder.path, part, index, seed, run.env_steps, place)
             at.diverged[str(seed)] = run.env_steps
     lengths = np.asarray(played.length).mean(axis=1).tolist()
@@ -133,7 +131,7 @@ def watcher(run: Run, stack: contextlib.ExitStack) -> Callable[[Params], None]:
     """What to call with the actors after each evaluation, for the tools that were asked for."""
     config, path = run.config, run.folder.path
     seeds = range(config.seed, config.seed + config.seeds)
-    tool = config.log if spread.is_first() else "none"
+    tool = config.log if devices.is_first() else "none"
     log = stack.enter_context(loggers.opened(tool, path, seeds))
     film = clips.recorder(config, run.folder.clips)
 
@@ -152,7 +150,7 @@ def conclude(run: Run) -> int:
     met = troubles.words(metrics.read(folder.metrics))
     if met:
         say(f"physics   {met}")
-    came_to = outcome.judge(config, at.success, at.diverged, at.wall_s)
+    came_to = verdict.judge(config, at.success, at.diverged, at.wall_s)
     say(came_to.line)
     return came_to.code
 

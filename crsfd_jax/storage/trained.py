@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import artefacts, metrics, policy, run_folder
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn.networks import Networks, Params, make_networks
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.storage import artefacts, metrics, policy, run_folder
 
 
 class Trained(NamedTuple):

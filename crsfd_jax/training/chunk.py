@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh
 
-from crsfd_jax import spread
-from crsfd_jax.train_step import Learner, TrainState
+from crsfd_jax.training import devices
+from crsfd_jax.training.train_step import Learner, TrainState
 
 Metrics = dict[str, jax.Array]
 Step = Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]]
@@ -37,7 +37,7 @@ def of_each(advance: Step, own: Any, length: int, mesh: Mesh | None = None) -> C
         states, metrics = jax.lax.scan(body, states, step + jnp.arange(length))
         return states, {name: _summarise(values) for name, values in metrics.items()}
 
-    split = spread.split(run, mesh, spread.SEEDS, spread.WHOLE)
+    split = devices.split(run, mesh, devices.SEEDS, devices.WHOLE)
     return jax.jit(lambda states, step: split(states, own, step), donate_argnums=0)
 
 

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from crsfd_jax import array_store
-from crsfd_jax.artefacts import saved_steps
 from crsfd_jax.errors import STOPPED, UserError
-from crsfd_jax.files import sync, sync_tree
-from crsfd_jax.leaves import (
+from crsfd_jax.storage import array_store
+from crsfd_jax.storage.artefacts import saved_steps
+from crsfd_jax.storage.files import sync, sync_tree
+from crsfd_jax.storage.leaves import (
     digest,
     from_numpy,
     key_implementation,

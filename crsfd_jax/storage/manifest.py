@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from crsfd_jax.config import Config, from_dict, to_dict
 from crsfd_jax.errors import UserError
-from crsfd_jax.files import write_atomically
+from crsfd_jax.storage.files import write_atomically
 
 PACKAGES = (
     "jax",

@@ -4,7 +4,7 @@ import pytest
 
 from crsfd_jax.config import Config, Evaluation
 from crsfd_jax.intervals import wilson_interval
-from crsfd_jax.outcome import judge
+from crsfd_jax.training.verdict import judge
 
 
 def config(**changes) -> Config:
