@@ -42,10 +42,10 @@ def make_agent() -> sac.AgentState:
 
 
 @pytest.fixture(name="potential", scope="module")
-def make_potential() -> wgan.Potential:
+def make_potential() -> wgan.WganPotential:
     params = Score((8,)).init(jax.random.key(5), jnp.zeros(OBS + ACTION))
     one = jnp.asarray(1.0)
-    return wgan.Potential(params=params, middle=0.2 * one, scale=0.5 * one, hidden=(8,))
+    return wgan.WganPotential(params=params, middle=0.2 * one, scale=0.5 * one, hidden=(8,))
 
 
 def phi(potential, obs, action):

@@ -22,7 +22,7 @@ from crsfd_jax.learn.shaping import shape_reward
 from crsfd_jax.observation import POSE_SCALE, TIP_POSE
 
 
-def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potential.Potential:
+def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potential.FittedPotential:
     """Fits the potential to the demonstrations and to free space."""
     obs, targets = potential.demonstration_targets(preparation.demos, config.potential)
 
@@ -46,7 +46,7 @@ def moved(key: jax.Array, poses: jax.Array, spread: float) -> jax.Array:
     return poses.at[:, :2].add(jax.random.uniform(key, (len(poses), 2), minval=-half, maxval=half))
 
 
-def reward(fitted: potential.Potential, batch: Batch, config: Config) -> Batch:
+def reward(fitted: potential.FittedPotential, batch: Batch, config: Config) -> Batch:
     """Shapes the rewards of experience and demonstrations alike, with the new task's discount."""
     gamma, terminal = config.sac.gamma, config.potential.terminal
     before = potential.evaluate(fitted, batch.obs[..., TIP_POSE])

@@ -25,7 +25,7 @@ from crsfd_jax.learn.networks import Critic, Networks, Params, apply
 WEIGHT = 0.1
 """Largest potential, times the rewards' scale. On shape 3, 40,000 steps of 5 seeds, the area is
 0.745, 0.758, 0.694 and 0.025 with 0.03, 0.1, 0.3 and 1."""
-SPREAD = 0.5
+FOIL_STD = 0.5
 """Standard deviation of the noise on half of the foils, in units of an observation."""
 
 
@@ -33,7 +33,7 @@ class ShapedCritic(NamedTuple):
     """A critic whose network learns what is left of the values beside a potential."""
 
     critic: Critic
-    potential: wgan.Potential
+    potential: wgan.WganPotential
     weight: float
     """Largest potential, in units of the values."""
 
@@ -43,18 +43,18 @@ class ShapedCritic(NamedTuple):
         return apply(self.critic, params, obs, action) + self.weight * phi
 
 
-def prepare(key: jax.Array, preparation: Preparation, config: Config) -> wgan.Potential:
+def prepare(key: jax.Array, preparation: Preparation, config: Config) -> wgan.WganPotential:
     """Trains the potential; any action in a demonstrated state, or near one, is a foil."""
     fit_key, action_key, obs_key = jax.random.split(key, 3)
     obs, action = preparation.demos.obs, preparation.demos.action
     any_action = jax.random.uniform(action_key, action.shape, minval=-1.0)
     is_near = jnp.arange(len(obs))[:, None] % 2 == 1
-    near = obs + SPREAD * is_near * jax.random.normal(obs_key, obs.shape)
+    near = obs + FOIL_STD * is_near * jax.random.normal(obs_key, obs.shape)
     rows, foils = _pairs(obs, action), _pairs(near, any_action)
     return wgan.fit(fit_key, rows, foils, config.potential)
 
 
-def networks(potential: wgan.Potential, nets: Networks, config: Config) -> Networks:
+def networks(potential: wgan.WganPotential, nets: Networks, config: Config) -> Networks:
     """The common networks with the potential in the critic."""
     critic: Any = ShapedCritic(nets.critic, potential, WEIGHT * config.sac.reward_scale)
     return nets._replace(critic=critic)

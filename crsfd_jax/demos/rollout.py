@@ -80,8 +80,8 @@ def _roll(env: Env, actor: Actor, params: Params, start, noise: float, key: jax.
         state, running = carry
         noise_key, step_key = jax.random.split(key)
         mean, log_std = apply(actor, params, state.obs)
-        spread = noise * jnp.exp(log_std) * jax.random.normal(noise_key, mean.shape)
-        action = jnp.tanh(mean + spread)
+        deviation = noise * jnp.exp(log_std) * jax.random.normal(noise_key, mean.shape)
+        action = jnp.tanh(mean + deviation)
         after, outcome = env.step(state, action, step_key)
         step = train_step.transition_of(state, action, outcome)
         return (after, running & ~outcome.over), (step, running)

@@ -34,7 +34,7 @@ _MOVING = 7
 
 
 @flax.struct.dataclass(kw_only=True)
-class Potential:
+class FittedPotential:
     """A fitted potential; frozen while the policy learns."""
 
     params: Params
@@ -77,7 +77,7 @@ def fit(
     sample_free_space: SampleFreeSpace,
     potential: config.Potential,
     move: Move | None = None,
-) -> Potential:
+) -> FittedPotential:
     """Runs the regression on features [D, F] with targets [D] in [0, 1].
 
     Args:
@@ -86,7 +86,7 @@ def fit(
     """
     init_key, loop_key = jax.random.split(key)
     hidden = tuple(potential.hidden)
-    fitted = Potential(params=_Value(hidden).init(init_key, features[0]), hidden=hidden)
+    fitted = FittedPotential(params=_Value(hidden).init(init_key, features[0]), hidden=hidden)
     optimiser = optax.adam(potential.learning_rate)
     opt_state = optimiser.init(cast(Any, fitted))
 
@@ -110,13 +110,13 @@ def fit(
     return fitted
 
 
-def evaluate(potential: Potential, features: jax.Array) -> jax.Array:
+def evaluate(potential: FittedPotential, features: jax.Array) -> jax.Array:
     """Potential [...] in [0, 1] of features [..., F]."""
     return apply(_Value(potential.hidden), potential.params, features)
 
 
 def regression_loss(
-    potential: Potential,
+    potential: FittedPotential,
     features: jax.Array,
     targets: jax.Array,
     free_space: jax.Array,

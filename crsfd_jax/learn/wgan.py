@@ -40,7 +40,7 @@ STEEPNESS = 2.0
 
 
 @flax.struct.dataclass(kw_only=True)
-class Potential:
+class WganPotential:
     """A trained potential; frozen while the policy learns."""
 
     params: Params
@@ -64,7 +64,9 @@ class _Generator(nn.Module):
 
 
 @functools.partial(jax.jit, static_argnames="options")
-def fit(key: jax.Array, rows: jax.Array, foils: jax.Array, options: config.Potential) -> Potential:
+def fit(
+    key: jax.Array, rows: jax.Array, foils: jax.Array, options: config.Potential
+) -> WganPotential:
     """Trains on demonstrated rows [D, F] with `options.steps` steps of the critic.
 
     Args:
@@ -120,14 +122,14 @@ def critic_loss(
     return gap + PENALTY * slope
 
 
-def evaluate(potential: Potential, rows: jax.Array) -> jax.Array:
+def evaluate(potential: WganPotential, rows: jax.Array) -> jax.Array:
     """Potential [...] in (0, 1) of rows [..., F]."""
     score = apply(Score(potential.hidden), potential.params, rows)
     return nn.sigmoid(STEEPNESS * (score - potential.middle) / potential.scale)
 
 
-def _scaled(score: Score, params: Params, rows: jax.Array, foils: jax.Array) -> Potential:
+def _scaled(score: Score, params: Params, rows: jax.Array, foils: jax.Array) -> WganPotential:
     high, low = (jnp.mean(apply(score, params, x)) for x in (rows, foils))
-    return Potential(
+    return WganPotential(
         params=params, middle=(high + low) / 2, scale=(high - low) / 2, hidden=score.hidden
     )
