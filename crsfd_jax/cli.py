@@ -40,8 +40,8 @@ def parse(
             start = tyro.MISSING_NONPROP if default is None else default
             config = tyro.cli(config_type, args=list(argv), prog=_program_name(), default=start)
     except BrokenPipeError:
-        # Of --help, whose reader has gone; what is still in the buffer must not reach it either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # Of --help: it has been read as far as anybody wanted.
+        _fall_silent()
         sys.exit(0)
     except SystemExit as stop:
         if stop.code in (None, 0):
@@ -63,13 +63,22 @@ def main(function: Callable[[list[str]], int | None]) -> None:
     """
     try:
         code = function(sys.argv[1:])
+        sys.stdout.flush()
     except UserError as error:
         print("error:", " ".join(str(error).split()), file=sys.stderr)
         code = error.exit_code
     except KeyboardInterrupt:
         print("stopped; the same command starts again", file=sys.stderr)
         code = STOPPED
+    except BrokenPipeError:
+        _fall_silent()
+        code = STOPPED
     sys.exit(code or 0)
+
+
+def _fall_silent() -> None:
+    """The reader of the output has gone: what is still in its buffer must not be written either."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _program_name() -> str | None:

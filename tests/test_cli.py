@@ -119,8 +119,10 @@ def test_help_lists_every_option_and_ends_with_exit_code_0():
         assert option in result.stdout
 
 
-def test_help_that_nobody_reads_to_its_end_is_no_error():
-    command = [sys.executable, "-m", "crsfd_jax.train", "--help"]
+@pytest.mark.parametrize("line", ["train --help", "demos info", "demos --help"])
+def test_what_nobody_reads_to_its_end_leaves_no_traceback(line):
+    program, *arguments = line.split()
+    command = [sys.executable, "-m", f"crsfd_jax.{program}", *arguments]
     reader, writer = os.pipe()
     os.close(reader)
     done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, timeout=60)
