@@ -1,8 +1,6 @@
 """From options to an environment: scene, engine and the distribution of episodes."""
 
 import functools
-import types
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -47,21 +45,22 @@ def _start_pool(parts: config.Scene) -> np.ndarray:
 def make_env(
     options: config.Config,
     reward: env.Reward = env.sparse_reward,
-    drawn: Mapping[str, Any] = types.MappingProxyType({}),
+    shapes: Any = None,
+    shift: Any = None,
 ) -> env.Env:
     """The environment of a run.
 
     Args:
-      drawn: fields of `randomize.Distribution` in place of those that the options say; they may
-        be traced arrays.
+      shapes: [n] which of the scene's shapes episodes are drawn from, if not those of the options.
+      shift: [] m, likewise; both may be traced.
     """
     known = shapes_known(options)
     physics, scene = engine(select.resolve(options.engine), options.scene, known)
     distribution = randomize.Distribution(
         start_qpos=_start_pool(options.scene),
-        shapes=tuple(map(known.index, read(options.shape))),
-        shift=options.shift,
+        shapes=tuple(map(known.index, read(options.shape))) if shapes is None else shapes,
+        shift=options.shift if shift is None else shift,
         friction=options.scene.friction,
         randomisation=options.randomisation,
     )
-    return env.make(physics, scene, options.mdp, distribution._replace(**drawn), reward)
+    return env.make(physics, scene, options.mdp, distribution, reward)

@@ -19,7 +19,7 @@ def run(argv: list[str]) -> int:
         dataclasses.replace(config, out=folder, seed=number * seeds)
         for number, folder in enumerate(argv[0].split(","))
     ]
-    made = (lambda drawn: probe_env.make()), probe_env.preparation()
+    made = (lambda own: probe_env.make()), probe_env.preparation()
     trainer.build = lambda configs, _: program.assemble(configs, *made)
     compile_cache.enable()
     return trainer.train(configs, builtin.load("builtin"))

@@ -44,7 +44,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def program(config):
-    return assemble([config], lambda drawn: probe_env.make(), probe_env.preparation())
+    return assemble([config], lambda own: probe_env.make(), probe_env.preparation())
 
 
 @pytest.fixture(scope="module")

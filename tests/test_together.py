@@ -191,7 +191,7 @@ def probe():
     """Runs of one and of two seeds, and their program."""
     first = probe_env.config(seeds=1)
     configs = [first, dataclasses.replace(first, seed=1, seeds=2)]
-    made = program.assemble(configs, lambda drawn: probe_env.make(), probe_env.preparation())
+    made = program.assemble(configs, lambda own: probe_env.make(), probe_env.preparation())
     return configs, made
 
 

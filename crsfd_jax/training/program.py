@@ -5,7 +5,7 @@ side, and each has the shapes and the shift of its run.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -29,6 +29,16 @@ _FRESH = 7_919
 """Keeps the keys of evaluation apart from those of training."""
 _QUICK_COMPILE = {"xla_backend_optimization_level": 1}
 """For what runs once: the generators of initial weights take half a minute at the full level."""
+
+
+class Own(NamedTuple):
+    """What tells a seed from the others; None is left to the options, the same for all."""
+
+    seed: Any
+    shapes: Any
+    """Rows of the scene's shapes that an episode is drawn from."""
+    shift: Any
+    """m."""
 
 
 class Program(NamedTuple):
@@ -82,42 +92,43 @@ def build(configs: Sequence[Config], demos: Demonstrations) -> Program:
     sampler = make_free_space(task.scene_of(first), first.potential.free_space_extent)
     preparation = Preparation.of(demos, sampler)
     whole = _with_all_shapes(configs)
-    return assemble(configs, lambda drawn: task.make_env(whole, drawn=drawn), preparation)
+    return assemble(
+        configs, lambda own: task.make_env(whole, shapes=own.shapes, shift=own.shift), preparation
+    )
 
 
 def assemble(
     configs: Sequence[Config],
-    make_env: Callable[[Mapping[str, jax.Array]], Env],
+    make_env: Callable[[Own], Env],
     preparation: Preparation,
 ) -> Program:
     """What runs compute on any environment; several devices share the seeds.
 
     Args:
-      make_env: from what a seed's episodes are drawn from, where runs differ in that: fields
-        of `randomize.Distribution`.
+      make_env: the environment of a seed.
     """
     first, method = configs[0], algorithms.load(configs[0].algorithm)
     own = _own(configs)
-    mesh = devices.mesh(len(own["seed"]))
-    of_first = {name: values[0] for name, values in own["drawn"].items()}
+    mesh = devices.mesh(len(own.seed))
+    of_first = jax.tree.map(lambda values: values[0], own)
 
-    def learner_of(drawn: Mapping[str, jax.Array]) -> Learner:
-        config: Any = dataclasses.replace(first, shift=drawn.get("shift", first.shift))
-        return train_step.make(make_env(drawn), method, config)
+    def learner_of(own: Own) -> Learner:
+        shift: Any = first.shift if own.shift is None else own.shift
+        return train_step.make(make_env(own), method, dataclasses.replace(first, shift=shift))
 
     learner = learner_of(of_first)
 
     @jax.vmap
-    def begin(own: dict[str, Any]) -> TrainState:
-        return learner_of(own["drawn"]).init(jax.random.key(own["seed"]), preparation)
+    def begin(own: Own) -> TrainState:
+        return learner_of(own).init(jax.random.key(own.seed), preparation)
 
-    def step(state: TrainState, own: dict[str, Any], step: jax.Array) -> Any:
-        return learner_of(own["drawn"]).step(state, step)
+    def step(state: TrainState, own: Own, step: jax.Array) -> Any:
+        return learner_of(own).step(state, step)
 
-    def play(own: dict[str, Any], actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
+    def play(own: Own, actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
         def one(actor, own):
-            key = jax.random.fold_in(jax.random.key(own["seed"]), _FRESH)
-            key, env = jax.random.fold_in(key, env_steps), make_env(own["drawn"])
+            key = jax.random.fold_in(jax.random.key(own.seed), _FRESH)
+            key, env = jax.random.fold_in(key, env_steps), make_env(own)
             return evaluation.run(env, learner.nets, actor, key, first.evaluation.episodes)
 
         return jax.vmap(one)(actor, own)
@@ -139,13 +150,18 @@ def _with_all_shapes(configs: Sequence[Config]) -> Config:
     return dataclasses.replace(configs[0], shape=",".join(names))
 
 
-def _own(configs: Sequence[Config]) -> dict[str, Any]:
-    """[S] what tells a seed from the others; what all have in common is left to the options."""
+def _own(configs: Sequence[Config]) -> Own:
+    """What tells the seeds of all runs from each other, [S, ...] each."""
     known = task.shapes_known(_with_all_shapes(configs))
     rows = [[known.index(name) for name in shapes.read(config.shape)] for config in configs]
     shifts = [config.shift for config in configs]
-    each = {"shapes": np.array(rows, np.int32), "shift": np.array(shifts, np.float32)}
-    runs = np.repeat(np.arange(len(configs)), [config.seeds for config in configs])
-    seeds = [config.seed + i for config in configs for i in range(config.seeds)]
-    drawn = {name: v[runs] for name, v in each.items() if (v != v[0]).any()}
-    return {"seed": np.array(seeds), "drawn": drawn}
+    counts = [config.seeds for config in configs]
+
+    def where_other(values: np.ndarray) -> Any:
+        return np.repeat(values, counts, axis=0) if (values != values[0]).any() else None
+
+    return Own(
+        seed=np.array([config.seed + i for config in configs for i in range(config.seeds)]),
+        shapes=where_other(np.array(rows, np.int32)),
+        shift=where_other(np.array(shifts, np.float32)),
+    )
