@@ -112,7 +112,10 @@ def test_a_file_in_the_way_is_refused(tmp_path):
     assert "cannot be written" in refusal(tmp_path / "run" / "deeper")
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"config": {}}', "\x00"])
+FOREIGN = '{"config": {"seeds": 5}, "device": "cpu", "versions": "all of them"}'
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"config": {}}', "\x00", FOREIGN])
 def test_a_damaged_record_is_refused_by_name(tmp_path, content):
     enter(tmp_path / "run")
     (tmp_path / "run" / "config.json").write_text(content)
@@ -204,6 +207,7 @@ def test_an_option_that_the_folder_does_not_know_yet_had_its_default(tmp_path):
         ("seeds", 2.5),
         ("smoke", 1),
         ("shift", None),
+        ("shift", float("nan")),
         ("shape", 2),
         ("target", [1]),
     ],

@@ -1,6 +1,5 @@
 """The example control loop does on a simulated arm what the training environment does."""
 
-import importlib.util
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +8,7 @@ import finished_run
 import jax
 import numpy as np
 import pytest
+import script
 
 from crsfd_jax import evaluation, export, task
 from crsfd_jax.intervals import wilson_interval
@@ -37,10 +37,7 @@ def arm(loop, run):
 
 
 def imported(name):
-    spec = importlib.util.spec_from_file_location(name, EXPERIMENTS / f"{name}.py")
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script.load(EXPERIMENTS / f"{name}.py")
 
 
 class Recorder:

@@ -32,8 +32,16 @@ def plot(label: str, table: Path, picture: Path) -> None:
         axes.set_xlabel("environment steps of each seed, thousands")
         axes.set_title(title, fontsize=10, loc="left")
         axes.grid(color="0.9", linewidth=0.8)
+        axes.set_axisbelow(True)
         axes.spines[["top", "right"]].set_visible(False)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", frameon=False)
+    figure.legend(
+        *axes.get_legend_handles_labels(),
+        loc="outside lower center",
+        frameon=False,
+        fontsize=9,
+        title="line: mean, band: one standard deviation, thin: single seeds",
+        title_fontsize=8,
+    )
     write_atomically(picture, lambda stream: figure.savefig(stream, format="png", dpi=160))
 
 

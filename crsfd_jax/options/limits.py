@@ -7,6 +7,7 @@ the first value outside, naming the command-line option that sets it.
 import dataclasses
 import difflib
 import itertools
+import math
 import types
 import typing
 from collections.abc import Callable, Iterator
@@ -81,7 +82,8 @@ def check_limits(config: Any, prefix: str = "--") -> None:
 def is_like(value: Any, usual: Any) -> bool:
     """Whether a value from JSON could stand in place of a field's default.
 
-    Lists hold numbers, and a default of None stands for a number that may be left out.
+    Lists hold numbers, all of them finite, and a default of None stands for a number that may be
+    left out.
     """
     if isinstance(usual, tuple):
         return isinstance(value, list | tuple) and all(is_like(part, 0.0) for part in value)
@@ -89,7 +91,8 @@ def is_like(value: Any, usual: Any) -> bool:
         return type(value) is type(usual)
     if usual is None and value is None:
         return True
-    return type(value) is int or (type(value) is float and type(usual) is not int)
+    is_fraction = type(value) is float and math.isfinite(value) and type(usual) is not int
+    return type(value) is int or is_fraction
 
 
 def choice_message(option: str, value: str, choices: tuple[str, ...]) -> str:

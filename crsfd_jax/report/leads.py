@@ -19,8 +19,6 @@ CAPTION = (
     "How far CRSfD is ahead of SACfD, 95 % interval, wherever both were given as many steps. "
     "Hollow: by the episodes of training, in which the policy explores."
 )
-
-
 _BELOW = 0.28
 """Rows that the second mark stands below the first."""
 

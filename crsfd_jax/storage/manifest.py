@@ -7,7 +7,7 @@ import platform
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from crsfd_jax.config import Config, from_dict, to_dict
 from crsfd_jax.errors import UserError
@@ -74,11 +74,19 @@ def read(path: Path) -> Manifest:
         raise UserError(
             f"{path}: is damaged ({error}); copy it back or use another folder"
         ) from error
-    parts = ("config", "versions", "device")
-    if not isinstance(told, dict) or not all(told.get(part) for part in parts):
+    if not _is_description(told):
         raise UserError(f"{path}: is not the description of a run; use another folder")
     try:
         config = from_dict(told["config"])
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     return Manifest(config, **{k: told[k] for k in Manifest._fields[1:] if k in told})
+
+
+def _is_description(told: Any) -> bool:
+    kinds = {"config": dict, "versions": dict, "device": str, "started": str, "command": list}
+    return (
+        isinstance(told, dict)
+        and all(told.get(part) for part in ("config", "versions", "device"))
+        and all(isinstance(told[part], kind) for part, kind in kinds.items() if part in told)
+    )
