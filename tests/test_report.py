@@ -549,13 +549,22 @@ def test_the_headline_names_the_closest_rival(tmp_path):
     found = cells_of(tmp_path)
     said = " ".join(headline.sentences(found, []))
     assert "CRSfD ends at a mean success of 1.000 over 10 tasks" in said
-    assert "It learns faster than SACfD, the closest other method, on 10 tasks:" in said
-    # Closer, on one task; and of fewer steps, whose areas are no measure.
-    make_run(tmp_path / "rival", "rlpd", "1", values=rising(20))
-    make_run(tmp_path / "short", "newcomer", "1", values=rising(10)[:3], steps=300)
-    make_run(tmp_path / "own", "crsfd", "1", values=rising(0)[:3], steps=300)
+    assert "It learns faster than SACfD, the closest of 7 others on 4 tasks:" in said
+
+
+def test_the_headline_compares_methods_on_the_same_tasks(tmp_path):
+    # On shape 1 the newcomer is closer than SACfD, whose mean over both shapes is smaller still;
+    # it has fewer steps, whose areas are no measure.
+    for shape, lead in (("1", 100), ("2", 1)):
+        make_run(tmp_path / f"ours{shape}", "crsfd", shape, values=rising(0))
+        make_run(tmp_path / f"sacfd{shape}", "sacfd", shape, values=rising(lead))
     said = " ".join(headline.sentences(cells_of(tmp_path), []))
-    assert "faster than newcomer, the closest other method, on shape 1, no shift:" in said
+    assert "faster than SACfD, the only other method on 2 tasks:" in said
+    make_run(tmp_path / "new1", "newcomer", "1", values=rising(60)[:3], steps=300)
+    make_run(tmp_path / "own1", "crsfd", "1", values=rising(0)[:3], steps=300)
+    make_run(tmp_path / "other1", "rlpd", "1", values=rising(300))
+    said = " ".join(headline.sentences(cells_of(tmp_path), []))
+    assert "faster than newcomer, the closest of 3 others on shape 1, no shift:" in said
 
 
 @pytest.mark.parametrize(

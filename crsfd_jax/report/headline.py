@@ -9,7 +9,7 @@ import numpy as np
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, Claim, show
 from crsfd_jax.report.methods import WITHOUT_INTERACTION, style
-from crsfd_jax.report.pairing import longest, rivals
+from crsfd_jax.report.pairing import Rivals, longest, rivals
 from crsfd_jax.report.statistics import final
 from crsfd_jax.report.summary import LEVEL, compare, scores
 
@@ -49,27 +49,42 @@ def _level(cells: Sequence[Cell], ours: str) -> str:
 
 
 def _contest(cells: Sequence[Cell], ours: str) -> list[str]:
-    """Against the interacting method that comes closest on the tasks that both have."""
-    others = {
-        method: pairs
-        for method, pairs in rivals(cells, ours).items()
-        if method not in WITHOUT_INTERACTION and not method.startswith("crsfd")
-    }
-    ahead = {method: _steps_ahead(pairs) for method, pairs in others.items()}
+    """Against the interacting method that comes closest, all on the same tasks."""
+    block = _largest_block(rivals(cells, ours))
+    ahead = {method: _steps_ahead(pairs) for method, pairs in block.items()}
     if not ahead or min(ahead.values()) == np.inf:
         return []
     rival = min(ahead, key=lambda method: ahead[method])
-    best = compare(others[rival])
+    best = compare(block[rival])
     assert best
-    where = f"{best.tasks} tasks" if best.tasks > 1 else f"{others[rival][0][0].task}"
+    where = f"{best.tasks} tasks" if best.tasks > 1 else f"{block[rival][0][0].task}"
     known = best.area.low > 0 or best.area.high < 0
     words = "faster than" if best.area.low > 0 else "slower than" if known else "as fast as"
     doubt = "" if known else ", as far as these seeds can tell"
+    of = f"the closest of {len(block)} others" if len(block) > 1 else "the only other method"
     return [
-        f"It learns {words} {style(rival).label}, the closest other method, on {where}{doubt}: "
+        f"It learns {words} {style(rival).label}, {of} on {where}{doubt}: "
         f"the area under the curve differs by {show(best.area, '+.3f')}, the final success by "
         f"{show(best.final, '+.3f')}."
     ]
+
+
+def _largest_block(found: Rivals) -> Rivals:
+    """Methods that interact, and tasks that all of them have: as many pairs as there can be.
+
+    How far two methods are behind on different tasks says nothing about which is closer.
+    """
+    acting = {
+        m: {ours.task: (ours, theirs) for ours, theirs in pairs}
+        for m, pairs in found.items()
+        if m not in WITHOUT_INTERACTION and not m.startswith("crsfd")
+    }
+    blocks = []
+    for task in dict.fromkeys(task for pairs in acting.values() for task in pairs):
+        methods = [m for m, pairs in acting.items() if task in pairs]
+        shared = [t for t in acting[methods[0]] if all(t in acting[m] for m in methods)]
+        blocks.append({m: [acting[m][t] for t in shared] for m in methods})
+    return max(blocks, key=lambda block: (sum(map(len, block.values())), len(block)), default={})
 
 
 def _steps_ahead(pairs: Sequence[tuple[Cell, Cell]]) -> float:

@@ -11,6 +11,8 @@ import numpy as np
 from crsfd_jax.report.cells import Cell, Task
 
 Book = dict[tuple[str, Task], list[Cell]]
+Rivals = dict[str, list[tuple[Cell, Cell]]]
+"""By method: one of our cells and one of its, on each task that both have."""
 
 
 def index(cells: Sequence[Cell]) -> Book:
@@ -39,8 +41,8 @@ def pair(ours: Sequence[Cell], theirs: Sequence[Cell]) -> tuple[Cell, Cell]:
     return max(itertools.product(ours, theirs), key=lambda two: len(common_steps(*two)))
 
 
-def rivals(cells: Sequence[Cell], ours: str) -> dict[str, list[tuple[Cell, Cell]]]:
-    """For each other method, one of our cells and one of its, on each task that both have."""
+def rivals(cells: Sequence[Cell], ours: str) -> Rivals:
+    """Every other method beside ours."""
     book, found = index(cells), {}
     for (method, task), theirs in book.items():
         if method != ours and (ours, task) in book:
