@@ -10,12 +10,11 @@ import numpy as np
 
 from crsfd_jax import evaluation, task
 from crsfd_jax.config import Config
-from crsfd_jax.errors import UserError
 from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.options import shapes
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.storage import trained
-from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.files import output, write_atomically
 
 COLUMNS = ("seed", "shape", "trials", "successes")
 
@@ -79,13 +78,8 @@ def _write(path: Path, rows) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerows([COLUMNS, *rows])
-    try:
+    with output(path, "--csv"):
         write_atomically(path, lambda stream: stream.write(text.getvalue().encode()))
-    except OSError as error:
-        raise UserError(
-            f"--csv: got {str(path)!r}, allowed: a file that can be written; choose another "
-            f"({error.strerror})"
-        ) from None
 
 
 def _line(success: np.ndarray, length: np.ndarray) -> str:

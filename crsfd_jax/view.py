@@ -17,7 +17,7 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.options import field_types, shapes, validation
 from crsfd_jax.options.limits import Interval
 from crsfd_jax.storage import artefacts
-from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.files import output, write_atomically
 
 
 @dataclass(frozen=True)
@@ -98,13 +98,8 @@ def _draw(view: View, png: str) -> None:
     options = _options(view)
     scene = task.scene_of(options)
     picture = Image.fromarray(overview(scene, scene.shapes.index(options.shape), options.shift))
-    try:
+    with output(png, "--png"):
         write_atomically(Path(png), lambda stream: picture.save(stream, "PNG"))
-    except OSError as error:
-        raise UserError(
-            f"--png: got {png!r}, allowed: a file in a folder that exists and can be "
-            f"written; choose another ({error.strerror})"
-        ) from None
     print(f"wrote {png}")
 
 

@@ -27,7 +27,7 @@ from crsfd_jax.demos.provenance import Provenance, from_json, to_json
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import CLIP
 from crsfd_jax.storage import npz
-from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.files import output, write_atomically
 
 ARM_JOINTS = 7
 MAX_BYTES = 64 * 2**20
@@ -84,10 +84,8 @@ def save(path: str | Path, demos: Demonstrations) -> None:
     check(demos, demos.obs.shape[-1], demos.action.shape[-1], path)
     fields = {name: getattr(demos, name) for name in _dtypes()}
     fields["provenance"] = np.array(to_json(demos.provenance))
-    try:
+    with output(path):
         write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **fields))
-    except OSError as error:
-        raise UserError(f"demo {path}: cannot be written: {error.strerror}") from error
 
 
 def check(demos: Demonstrations, obs_dim: int, action_dim: int, path: str | Path) -> None:

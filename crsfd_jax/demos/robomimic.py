@@ -27,7 +27,7 @@ from crsfd_jax.demos.provenance import to_json
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE, OBSERVATION, SCALE
 from crsfd_jax.physics.interface import CONTROL_DT
-from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.files import output, write_atomically
 
 _GYM = 2
 """robomimic's number for environments that gymnasium makes."""
@@ -56,10 +56,8 @@ def write(path: str | Path, demos: dataset.Demonstrations) -> None:
             _write_episode(data.create_group(f"demo_{number}"), episode)
         success = np.flatnonzero(dataset.episode_success(demos))
         file["mask/success"] = np.array([f"demo_{number}" for number in success], "S")
-    try:
+    with output(path):
         write_atomically(Path(path), lambda out: out.write(stream.getbuffer()))
-    except OSError as error:
-        raise UserError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def read(path: str | Path) -> dataset.Demonstrations:

@@ -11,11 +11,10 @@ import numpy as np
 
 from crsfd_jax.deploy import contract
 from crsfd_jax.deploy.formats import FORMATS, mean_layers
-from crsfd_jax.errors import UserError
 from crsfd_jax.learn.networks import mode_action
 from crsfd_jax.observation import CLIP, OBS_SIZE
 from crsfd_jax.storage import trained
-from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.files import output, write_atomically
 
 TOLERANCE = 1e-5
 OBSERVATIONS = 1000
@@ -50,15 +49,10 @@ def export(run: str, form: str, seed: str, out: str) -> Exported:
     path = folder / f"{FILE}{kind.suffix}"
     said = json.dumps(contract.describe(source, chosen, path.name), indent=2) + "\n"
     content = kind.write(mean_layers(actor))
-    try:
+    with output(folder):
         folder.mkdir(parents=True, exist_ok=True)
         write_atomically(path, lambda stream: stream.write(content))
         write_atomically(folder / CONTRACT, lambda stream: stream.write(said.encode()))
-    except OSError as error:
-        raise UserError(
-            f"--out: got {str(folder)!r}, allowed: a folder that can be written; choose another "
-            f"({error.strerror})"
-        ) from None
 
     def act(obs: np.ndarray) -> np.ndarray:
         with jax.default_matmul_precision("highest"):

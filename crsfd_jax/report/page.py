@@ -28,7 +28,7 @@ from crsfd_jax.report.methods import style
 from crsfd_jax.report.summary import LEVEL
 from crsfd_jax.report.transfer import Transfer
 from crsfd_jax.storage import run_folder
-from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.files import output, write_atomically
 
 FILE = "report.html"
 MAX_FILM_BYTES = 16 * 2**20
@@ -96,7 +96,7 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
     Raises:
       UserError: the folder cannot be written.
     """
-    try:
+    with output(folder):
         folder.mkdir(parents=True, exist_ok=True)
         pictures = [_picture(figure, folder) for figure in report.figures]
         body = [
@@ -115,10 +115,6 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
         ]
         text = html.page(_TITLE, [part for part in body if part])
         write_atomically(folder / FILE, lambda stream: stream.write(text.encode()))
-    except OSError as error:
-        raise UserError(
-            f"{folder}: cannot be written: {error.strerror}; choose another --out"
-        ) from error
     return folder / FILE
 
 

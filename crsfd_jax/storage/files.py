@@ -1,8 +1,9 @@
 """Writing files so that a crash leaves either the old content or the new, never a part."""
 
+import contextlib
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -42,12 +43,23 @@ def reserve(out: str, option: str = "--out") -> None:
         raise UserError(
             f"{option}: got {out!r}, which exists, allowed: a new file; choose another name"
         )
-    try:
+    with output(out, option):
         Path(out).absolute().parent.mkdir(parents=True, exist_ok=True)
+
+
+@contextlib.contextmanager
+def output(out: str | Path, option: str = "--out") -> Iterator[None]:
+    """Where the block writes what an option names, and nothing else.
+
+    Raises:
+      UserError: it cannot be written.
+    """
+    try:
+        yield
     except OSError as error:
         raise UserError(
-            f"{option}: got {out!r}, allowed: a file in a folder that can be made; choose another "
-            f"({error.strerror})"
+            f"{option}: got {str(out)!r}, which cannot be written ({error.strerror}), allowed: a "
+            "place that can be; choose another"
         ) from None
 
 

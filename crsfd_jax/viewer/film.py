@@ -10,9 +10,9 @@ import numpy as np
 
 from crsfd_jax import compile_cache
 from crsfd_jax.drawing import picture, video
-from crsfd_jax.errors import UserError
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.scene.build import model_of
+from crsfd_jax.storage.files import output
 from crsfd_jax.viewer import live, pose
 
 CAMERA = "close"
@@ -47,10 +47,8 @@ def make(run: str, shape: str | None, shift: float | None, episodes: int, path: 
     wanted = live.task_of(loaded, shape, shift)
     key = jax.random.key(loaded.config.seed)
     frames, inserted = record(loaded, wanted, episodes, key, LARGE)
-    try:
+    with output(path, "--video"):
         video.write(path, frames, CONTROL_DT / LARGE.per_step)
-    except OSError as error:
-        raise UserError(f"--video: {path} cannot be written: {error.strerror}") from error
     return f"wrote {path}: {inserted} of {episodes} episodes inserted"
 
 
