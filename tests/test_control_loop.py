@@ -14,7 +14,7 @@ from crsfd_jax import evaluation, export, task
 from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.storage import trained
 
-EXPERIMENTS = Path(__file__).parents[1] / "experiments"
+REAL_ARM = Path(__file__).parents[1] / "experiments" / "real_arm"
 EPISODES = 20
 
 
@@ -37,7 +37,7 @@ def arm(loop, run):
 
 
 def imported(name):
-    return script.load(EXPERIMENTS / f"{name}.py")
+    return script.load(REAL_ARM / f"{name}.py")
 
 
 class Recorder:
@@ -131,9 +131,9 @@ def test_rotation_vectors_and_pose_matrices_are_inverse(loop):
 
 
 def test_the_loop_is_short_and_needs_numpy_only():
-    path = EXPERIMENTS / "control_loop.py"
+    path = REAL_ARM / "control_loop.py"
     assert len(path.read_text().splitlines()) <= 60
-    code = f"import sys; sys.path.insert(0, {str(EXPERIMENTS)!r}); import control_loop; "
+    code = f"import sys; sys.path.insert(0, {str(REAL_ARM)!r}); import control_loop; "
     code += "print([m for m in ('jax', 'mujoco', 'crsfd_jax', 'scipy') if m in sys.modules])"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert ran.stdout.strip() == "[]", ran.stderr

@@ -5,7 +5,7 @@ as `python -m crsfd_jax.evaluate` says.
 
 Commands:
     python -m crsfd_jax.export RUN --format npz --check
-    python experiments/simulated_arm.py RUN/export/npz 500
+    python experiments/real_arm/simulated_arm.py RUN/export/npz 500
 """
 
 from dataclasses import dataclass

@@ -6,7 +6,7 @@ places of the hole (5 seeds, 1,000 episodes each, 2026-11-25, 2 CPU cores): from
 outwards CRSfD finds 1.000, 0.999, 0.987, 0.915 of the holes, SACfD 0.993, 0.997, 0.997, 0.921
 (reward scale 1, docs/results/scale1/search.png).
 
-    python experiments/search.py search.png \\
+    python experiments/studies/search.py search.png \\
         runs/setting2/crsfd-shape2-shift8mm-seed5x5 runs/setting2/sacfd-shape2-shift8mm-seed5x5
 
 For each run, from its shift: success by the distance of the hole from its nominal place, a map of

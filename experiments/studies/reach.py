@@ -3,7 +3,7 @@
 Hypothesis: an arm with badly calibrated joints seems to meet a hole that is further away, and a
 policy finds holes as far away as it has met in training; friction narrows that.
 
-    python experiments/reach.py runs/transfer/crsfd-shape1-shift2mm-randomised-seed0x5
+    python experiments/studies/reach.py runs/transfer/crsfd-shape1-shift2mm-randomised-seed0x5
 
 For each run: success in 1,000 episodes of each seed under the held-out randomisation, by friction
 and by the larger of the distances along x and y at which the arm perceives the hole.
