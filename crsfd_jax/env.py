@@ -49,8 +49,9 @@ class EnvState:
     """[N, O]."""
     age: jax.Array
     """[N] int32 control steps since the episode began."""
-    last_action: jax.Array | None = None
-    """[N, A], taken next where actions are delayed; None where none is."""
+    commanded: jax.Array | None = None
+    """[N, 6] m and rad, the newest setpoint, held next where commands are delayed; None where none
+    is."""
 
 
 @flax.struct.dataclass(kw_only=True)
@@ -119,15 +120,13 @@ def make(
         age = jnp.zeros(count, jnp.int32)
         read, noise = sensing.believed(physics, around), sensing.noise(around, age, deviation)
         tip, obs = observe(links, rest, read, jnp.zeros((count, 3)), noise)
-        queued = None if around.is_delayed is None else jnp.zeros((count, ACTION_SIZE))
-        return EnvState(
-            physics=physics, around=around, tip=tip, obs=obs, age=age, last_action=queued
-        )
+        still = None if around.is_delayed is None else setpoint(mdp, tip, jnp.zeros(ACTION_SIZE))
+        return EnvState(physics=physics, around=around, tip=tip, obs=obs, age=age, commanded=still)
 
     def advance(state: EnvState, action: jax.Array) -> tuple[EnvState, Outcome]:
         around, age = state.around, state.age + 1
-        target = setpoint(mdp, state.tip, taken(state, action))
-        command = sensing.commanded(links, state.physics, around, target)
+        target = setpoint(mdp, state.tip, action)
+        command = sensing.commanded(links, state.physics, around, _held(state, target))
         physics, limits = engine.advance(state.physics, around, command)
         read, noise = sensing.believed(physics, around), sensing.noise(around, age, deviation)
         error = target[..., :3] - tip_pose(links, read.qpos)[0]
@@ -145,9 +144,9 @@ def make(
             tip=tip,
             limits=limits,
         )
-        queued = None if state.last_action is None else action
+        newest = None if state.commanded is None else target
         after = EnvState(
-            physics=physics, around=around, tip=measured, obs=next_obs, age=age, last_action=queued
+            physics=physics, around=around, tip=measured, obs=next_obs, age=age, commanded=newest
         )
         return after, outcome
 
@@ -162,13 +161,6 @@ def rest_posture(links: Chain) -> jax.Array:
     """[7] rad, joint angles with the tip in the middle of the start cube."""
     middle = jnp.array([[0.0, 0.0, randomize.START_HEIGHT + randomize.START_HALF_WIDTH]])
     return jax.jit(inverse_kinematics)(links, middle, jnp.zeros((1, 3)))[0][0]
-
-
-def taken(state: EnvState, action: jax.Array) -> jax.Array:
-    """[N, A] what takes effect now: the action, or the one before where actions are delayed."""
-    if state.around.is_delayed is None or state.last_action is None:
-        return action
-    return jnp.where(state.around.is_delayed[:, None], state.last_action, action)
 
 
 def setpoint(mdp: config.Mdp, tip: jax.Array, action: jax.Array) -> jax.Array:
@@ -209,6 +201,13 @@ def observe(
     twist = jnp.einsum("...ij,...j->...i", jacobian, physics.qvel)
     raw = jnp.concatenate([physics.qpos - rest, physics.qvel, tip, twist, error], axis=-1)
     return tip, jnp.clip(raw / SCALE, -CLIP, CLIP)
+
+
+def _held(state: EnvState, target: jax.Array) -> jax.Array:
+    """[N, 6] the setpoint in effect: the newest, or the one before where commands are delayed."""
+    if state.around.is_delayed is None or state.commanded is None:
+        return target
+    return jnp.where(state.around.is_delayed[:, None], state.commanded, target)
 
 
 def _where(mask, yes, no):

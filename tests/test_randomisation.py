@@ -77,16 +77,22 @@ def test_without_randomisation_a_step_is_setpoint_physics_and_observation(world,
     np.testing.assert_array_equal(after.obs, obs)
     np.testing.assert_array_equal(after.tip, tip)
     np.testing.assert_array_equal(outcome.tip, tip)
-    assert after.last_action is None
+    assert after.commanded is None
 
 
-def test_a_delayed_action_is_taken_one_step_later(world):
-    commands = actions(4)
-    late = rolled(world(delay=1.0), commands)
-    shifted = rolled(world(), [STILL, *commands[:-1]])
-    for one, other in zip(late, shifted, strict=True):
-        assert equal(one.physics, other.physics)
-        np.testing.assert_array_equal(one.obs, other.obs)
+def test_a_delayed_setpoint_is_held_one_step_later(world, links):
+    physics, _ = task.engine("native", OPTIONS.scene)
+    moved = jax.jit(physics.step)
+    states, commands = rolled(world(delay=1.0), actions(4)), actions(4)
+    sent = [env.setpoint(OPTIONS.mdp, states[0].tip, STILL)]
+    for before, after, action in zip(states, states[1:], commands, strict=False):
+        expected = moved(before.physics, before.around, sent[-1])
+        np.testing.assert_allclose(after.physics.qpos, expected.qpos, atol=1e-6)
+        # What is told is what the robot's program knows: the setpoint that it sent last.
+        sent.append(env.setpoint(OPTIONS.mdp, before.tip, action))
+        error = sent[-1][:, :3] - after.tip[:, :3]
+        np.testing.assert_allclose(after.obs[:, -3:] * 0.01, error, atol=1e-6)
+    assert np.abs(sent[2] - sent[1]).max() > 5e-3, "each command is another"
 
 
 def test_a_delayed_episode_begins_without_an_action_of_the_one_before(world):

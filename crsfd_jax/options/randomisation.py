@@ -26,7 +26,7 @@ class Randomisation:
     damping: Factors = (1.0, 1.0)
     """Factor on its damping."""
     delay: Fraction = 0.0
-    """Share of episodes in which every action takes effect one control step late."""
+    """Share of episodes in which every setpoint takes effect one control step late."""
     encoder_offset: Annotated[tuple[float, ...], Interval(-0.1, 0.1), Ranges()] = (0.0, 0.0)
     """Error of each joint's calibration, rad, constant through an episode."""
     position_noise: Annotated[Length, Interval(0, 0.01)] = 0.0

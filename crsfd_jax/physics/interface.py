@@ -36,7 +36,7 @@ class Surroundings:
     encoder_offset: jax.Array | None = None
     """[N, 7] rad, what the arm reads less its joint angles; None where it is 0."""
     is_delayed: jax.Array | None = None
-    """[N] bool, actions take effect one control step late; None where none does."""
+    """[N] bool, setpoints take effect one control step late; None where none does."""
     noise_seed: jax.Array | None = None
     """[N] uint32 seed of an episode's readings; None where they are exact."""
 
