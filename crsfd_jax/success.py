@@ -1,8 +1,6 @@
 """Success rate of the policies of a run, with its interval, by seed and by shape."""
 
-import csv
 import dataclasses
-import io
 from pathlib import Path
 
 import jax
@@ -13,13 +11,12 @@ from crsfd_jax.config import Config
 from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.options import shapes
 from crsfd_jax.options.randomisation import Randomisation
-from crsfd_jax.storage import trained
-from crsfd_jax.storage.files import output, write_atomically
-
-COLUMNS = ("seed", "shape", "trials", "successes")
+from crsfd_jax.storage import trained, trials
 
 
-def report(run: Path, config: Config, episodes: int, seed: int, table: str = "") -> None:
+def report(
+    run: Path, config: Config, episodes: int, seed: int, table: str = "", asked: str = ""
+) -> None:
     """Prints a line for each seed, for each shape if there are several, and for all of them.
 
     Args:
@@ -27,6 +24,7 @@ def report(run: Path, config: Config, episodes: int, seed: int, table: str = "")
       config: options of the run, with the task to play.
       episodes: of each seed, which begin from `seed`.
       table: file to write a row for each seed and shape to; none if empty.
+      asked: the options behind all this, which the table records.
 
     Raises:
       UserError: the folder holds no policies of these options, or the file cannot be written.
@@ -44,12 +42,12 @@ def report(run: Path, config: Config, episodes: int, seed: int, table: str = "")
     print(f"all           {_line(success, length)}")
     if table:
         rows = [
-            (config.seed + i, shapes.label(known[shape]), at.sum(), success[i][at].sum())
-            for i in range(config.seeds)
+            trials.Row(config.seed + i, shapes.label(known[shape]), at.sum(), won[at].sum(), asked)
+            for i, won in enumerate(success)
             for shape in chosen
             for at in [row[i] == shape]
         ]
-        _write(Path(table), rows)
+        trials.write(Path(table), rows, "--csv")
 
 
 def _play(run: Path, config: Config, episodes: int, seed: int) -> evaluation.Episodes:
@@ -72,14 +70,6 @@ def _describe(config: Config) -> str:
     ]
     what = f"shape {shapes.label(config.shape)}, shift {config.shift * 1e3:g} mm"
     return ", ".join([what, *drawn, "deterministic policy"])
-
-
-def _write(path: Path, rows) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([COLUMNS, *rows])
-    with output(path, "--csv"):
-        write_atomically(path, lambda stream: stream.write(text.getvalue().encode()))
 
 
 def _line(success: np.ndarray, length: np.ndarray) -> str:

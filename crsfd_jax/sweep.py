@@ -200,7 +200,9 @@ def _show(chosen: Sequence[Cell], plan: Plan, together: int) -> None:
         minutes = f"{at.wall_s / 60:.1f}" if at.wall_s else ""
         say(f"{cell.name:{width}s}  {at.word:7s}  {steps:17s}  {success:>7s}  {minutes:>8s}")
         if cell in groups:
-            say(f"    {shlex.join(attempt.command_of(groups[cell], plan))}")
+            left = [c for c in groups[cell] if not state.is_finished(plan.out / c.name, c.config)]
+            if left:
+                say(f"    {shlex.join(attempt.command_of(left, plan))}")
             for each in groups[cell]:
                 if each.trials:
                     say(f"    {shlex.join(attempt.trials_of(each, plan))}")

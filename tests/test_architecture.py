@@ -13,10 +13,11 @@ ORDER = tuple(
     errors extras types intervals
     storage.files storage.npz options.units options.names options.limits options.shapes
     options.field_types options.randomisation config options.smoke options.validation cli
-    options.keywords options.run_name options.together interrupt compile_cache progress
+    options.keywords options.run_name options.together options.trials
+    interrupt compile_cache progress
     storage.leaves storage.metrics training.troubles curve
-    storage.run_folder storage.manifest storage.loggers storage.policy storage.artefacts
-    storage.array_store storage.checkpoints
+    storage.run_folder storage.manifest storage.trials storage.loggers storage.policy
+    storage.artefacts storage.array_store storage.checkpoints
     sweeps
     scene.digits scene.build scene.kinematics drawing
     physics.interface physics.host_call physics.native physics.mjx physics.select

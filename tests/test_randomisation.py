@@ -248,20 +248,21 @@ def run_folder(tmp_path):
 
 
 def test_an_evaluation_is_that_of_the_run_unless_it_is_told_otherwise(run_folder):
-    given, own = evaluate.task_of([run_folder, "--episodes", "500"])
+    given, own, asked = evaluate.task_of([run_folder, "--episodes", "500"])
     assert (own.randomisation, own.shape, own.shift) == (TRAINING, "0,2", 2e-3)
-    assert given.episodes == 500
-    assert evaluate.task_of([run_folder, "--held-out"])[1].randomisation == HELD_OUT
+    assert given.episodes == 500 and asked == "--episodes 500"
+    _, other, asked = evaluate.task_of([run_folder, "--held-out", "--shape", "0,2"])
+    assert other.randomisation == HELD_OUT and asked == "--held-out"
 
 
 def test_an_option_of_an_evaluation_changes_nothing_but_itself(run_folder):
     line = [run_folder, "--randomisation.stiffness", "0.5", "0.6", "1", "1.2", "--shape", "all"]
-    _, changed = evaluate.task_of(line)
+    _, changed, _ = evaluate.task_of(line)
     assert changed.shape == "all" and changed.shift == 2e-3
     own = dataclasses.replace(TRAINING, stiffness=(0.5, 0.6, 1.0, 1.2))
     assert changed.randomisation == own
     off = ["--randomisation.encoder-offset", "-0.002", "-0.001", "--held-out"]
-    _, changed = evaluate.task_of([run_folder, *off])
+    _, changed, _ = evaluate.task_of([run_folder, *off])
     assert changed.randomisation == dataclasses.replace(HELD_OUT, encoder_offset=(-2e-3, -1e-3))
 
 
@@ -278,7 +279,7 @@ def test_an_option_of_an_evaluation_changes_nothing_but_itself(run_folder):
         ("--randomisation.position-noise 5cm", "got 50mm, allowed: at least 0mm and at most 10mm"),
         ("--shift 1m", "--shift: got 1000mm, allowed: at least 0mm and at most 20mm"),
         ("--shape 7", "--shape: got '7', allowed: 0, 1, 2, 3, 4"),
-        ("--csv /proc/x/table.csv", "--csv: got '/proc/x/table.csv', allowed: a file in a folder"),
+        ("--csv /proc/x/table.csv", "--csv: got '/proc/x/table.csv', which cannot be written"),
     ],
 )
 def test_an_unusable_option_of_an_evaluation_is_refused(run_folder, line, answer):

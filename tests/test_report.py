@@ -1,15 +1,15 @@
 """From run folders to a page: reading, sorting, comparing, judging and showing."""
 
-import dataclasses
 import json
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from PIL import Image
+from report_runs import cells_of, make_run, paper_like, played, rising, transfer_run
 
 from crsfd_jax import algorithms
-from crsfd_jax.config import ALGORITHMS, Config, Evaluation, Potential, to_dict
+from crsfd_jax.config import ALGORITHMS, Config, Potential
 from crsfd_jax.curve import Curve
 from crsfd_jax.errors import UserError
 from crsfd_jax.options.randomisation import TRAINING, Randomisation
@@ -24,82 +24,18 @@ from crsfd_jax.report import (
     html,
     layout,
     leads,
-    own_trials,
     page,
     pairing,
     runs,
     tables,
-    trial_sections,
     trials,
 )
 from crsfd_jax.report.cells import Task
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN
 from crsfd_jax.report.methods import ARMS, BASELINES, WITHOUT_INTERACTION, style
 from crsfd_jax.report.summary import compare, summarise
-from crsfd_jax.report.transfer import Transfer
-from crsfd_jax.report.transfer import find as find_transfers
 from crsfd_jax.report.words import in_words
 from crsfd_jax.storage import metrics
-
-STEPS = tuple(range(100, 1100, 100))
-
-
-def rising(start, top=1.0, seeds=5):
-    """[T, S] success that rises from 0 within 300 steps, later for later seeds."""
-    begin = start + 10 * np.arange(seeds)
-    return np.clip((np.array(STEPS)[:, None] - begin) / 300, 0, 1) * top
-
-
-def make_run(
-    folder, method="crsfd", shape="2", shift=0.0, values=None, seed=0, steps=1000, every=1, **other
-):
-    """A run folder with success [T, S] at STEPS; `other` are options of the top level.
-
-    Of the values the first of each `every` are left out: evaluations further apart.
-    """
-    values = (rising(200) if values is None else values)[every - 1 :: every]
-    other["evaluation"] = Evaluation(every=100 * every)
-    options = Config(
-        algorithm=method,
-        shape=shape,
-        shift=shift * 1e-3,
-        seed=seed,
-        seeds=values.shape[1],
-        steps=steps,
-    )
-    described = {"config": to_dict(dataclasses.replace(options, **other)), "device": "a machine"}
-    described |= {"versions": {"jax": "1.2.3"}, "started": "2026-01-02T03:04:05"}
-    folder.mkdir(parents=True)
-    (folder / "config.json").write_text(json.dumps(described))
-    rows = [
-        {"env_steps": step, "seed": seed + i, "eval/success_rate": rate, "time/wall_s": step / 10}
-        for step, row in zip(STEPS[every - 1 :: every], values, strict=False)
-        for i, rate in enumerate(row)
-    ]
-    metrics.append(folder / "metrics.csv", rows)
-    return folder
-
-
-def cells_of(*folders):
-    return grouping.gather(runs.find(folders).runs)[0]
-
-
-def paper_like(folder):
-    """Runs of all cells of the paper that come out as it says."""
-    for method in ("crsfd", *BASELINES):
-        start = {"crsfd": 0, "sacfd": 400}.get(method, 500)
-        top = {"crsfd": 1.0, "sacfd": 0.85, "sqil": 0.6}.get(method, 0.2)
-        for shape in "1234":
-            make_run(folder / f"{method}{shape}", method, shape, values=rising(start, top))
-    for shape in "02":
-        for shift, late in ((4, 5), (6, 200), (8, 400)):
-            late += 200 * (shape == "2")
-            place = f"{shape}{shift}"
-            make_run(folder / f"c{place}", "crsfd", shape, shift, rising(0))
-            values = rising(late, 1.0 if late == 5 else 0.9)
-            make_run(folder / f"s{place}", "sacfd", shape, shift, values)
-    for arm in ARMS:
-        make_run(folder / arm, arm, "3", values=rising(300))
 
 
 def test_runs_are_found_in_folders_and_as_tables_with_their_config(tmp_path):
@@ -377,8 +313,10 @@ def test_nothing_is_decided_without_data(tmp_path, other, reason):
 def test_claims_hold_on_runs_that_come_out_as_the_paper_says(tmp_path):
     paper_like(tmp_path)
     rates = zip("01234", (100, 100, 93, 94, 97), strict=True)
-    trials = [Transfer("crsfd", True, shape, 5 * successes, 500) for shape, successes in rates]
-    found = claims.judge(cells_of(tmp_path), trials)
+    for shape, successes in rates:
+        transfer_run(tmp_path / f"transfer{shape}", shape, successes)
+    cells = cells_of(tmp_path)
+    found = claims.judge(cells, trials.find([tmp_path], cells)[0])
     assert {claim.statement: claim.verdict for claim in found if claim.verdict != HOLDS} == {}
 
 
@@ -390,10 +328,10 @@ def test_claims_do_not_hold_on_runs_that_come_out_the_other_way(tmp_path):
         old = json.loads(text)["config"]["algorithm"]
         new = text.replace(f'"algorithm": "{old}"', f'"algorithm": "{swap.get(old, old)}"')
         (run / "config.json").write_text(new)
-    verdicts = [
-        claim.verdict
-        for claim in claims.judge(cells_of(tmp_path), [Transfer("crsfd", True, "2", 8, 10)])
-    ]
+    played(make_run(tmp_path / "transfer", shift=2.0, randomisation=TRAINING), (0, "2", 10, 8))
+    cells = cells_of(tmp_path)
+    found = claims.judge(cells, trials.find([tmp_path], cells)[0])
+    verdicts = [claim.verdict for claim in found]
     assert verdicts[:4] == [FAILS, FAILS, HOLDS, FAILS]
     assert verdicts[8:12] == [HOLDS, FAILS, FAILS, FAILS]
     assert verdicts[12] == OPEN
@@ -404,78 +342,6 @@ def test_a_claim_fails_with_one_part_and_holds_with_all():
     assert evidence.claim("", [yes, yes]).verdict == HOLDS
     assert evidence.claim("", [yes, unknown]).verdict == OPEN
     assert evidence.claim("", [yes, unknown, no]).verdict == FAILS
-
-
-def test_trials_are_added_up_by_method_training_and_shape_and_bad_tables_named(tmp_path):
-    folder = tmp_path / "transfer"
-    drawn = dict(randomisation=TRAINING)
-    runs_of = (("one", "crsfd", drawn), ("two", "crsfd", drawn), ("plain", "crsfd", {}))
-    for name, method, options in (*runs_of, ("other", "sacfd", drawn)):
-        make_run(folder / name, method, **options)
-        (folder / name / "few.csv").write_text("seed,shape,trials,successes\n0,2,10,1\n")
-        table = "seed,shape,trials,successes\n0,2,25,20\n1,2,25,25\n"
-        (folder / name / "many.csv").write_text(table)
-    (folder / "two" / "more.csv").write_text("shape,trials,successes\n1,5,5\n")
-    (tmp_path / "usual.csv").write_text("shape,trials,successes\n2,500,0\n")
-    (tmp_path / "held_out_b.csv").write_text("shape,trials,successes\n2,5,6\n")
-    (tmp_path / "held_out_c.csv").write_text("shape,trials,successes\n2,five,1\n")
-    found, skipped = find_transfers([tmp_path])
-    assert found == [
-        Transfer("crsfd", True, "1", 5, 5),
-        Transfer("crsfd", True, "2", 90, 100),
-        Transfer("sacfd", True, "2", 45, 50),
-        Transfer("crsfd", False, "2", 45, 50),
-    ]
-    assert len(skipped) == 2 and "6 successes in 5 trials" in skipped[0]
-
-
-def test_a_table_of_trials_among_results_belongs_to_the_config_its_name_begins_with(tmp_path):
-    folder = make_run(tmp_path / "run", "sacfd", randomisation=TRAINING)
-    results = tmp_path / "transfer"
-    results.mkdir()
-    (results / "sacfd2.json").write_bytes((folder / "config.json").read_bytes())
-    (results / "sacfd2_held_out.csv").write_text("shape,trials,successes\n2,50,40\n")
-    (results / "x.csv").write_text("shape,trials,successes\n2,50,45\n")
-    assert find_transfers([results])[0] == [
-        Transfer("crsfd", True, "2", 45, 50),
-        Transfer("sacfd", True, "2", 40, 50),
-    ]
-
-
-def test_trials_on_the_task_of_training_are_told_by_shape_and_in_all(tmp_path):
-    for folder in ("joint", "transfer"):
-        run = make_run(tmp_path / folder / "a", shape="0,2", shift=8)
-        (run / "trials.csv").write_text("seed,shape,trials,successes\n0,0,9,7\n1,0,9,8\n0,2,2,1\n")
-    make_run(tmp_path / "joint" / "b")
-    (tmp_path / "joint" / "b" / "trials.csv").write_text("shape,trials,successes\n2,5,6\n")
-    found, skipped = own_trials.find([tmp_path])
-    task = Task("0-2", 8.0)
-    assert found == [
-        own_trials.Trials(task, "crsfd", "0", 15, 18),
-        own_trials.Trials(task, "crsfd", "2", 1, 2),
-    ]
-    assert len(skipped) == 1 and "6 successes in 5 trials" in skipped[0]
-    rows = tables.own_trials(found).rows
-    assert [(row[1], row[2], row[-1]) for row in rows] == [
-        ("shape 0-2, shift 8 mm", "0", "15 of 18"),
-        ("shape 0-2, shift 8 mm", "2", "1 of 2"),
-        ("shape 0-2, shift 8 mm", "all", "16 of 20"),
-    ]
-    assert "16 of 20" in trial_sections.own(found) and trial_sections.own([]) == ""
-
-
-def test_trials_are_drawn_where_they_are(tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(trials, "save", lambda canvas, path: drawn.append(canvas))
-    found = [Transfer("crsfd", True, "0", 45, 50), Transfer("crsfd", False, "2", 10, 50)]
-    trials.draw(found, {"0": 1.0, "1": 0.9}, tmp_path / "transfer.png")
-    (axes,) = drawn[0].axes
-    heights = {line.get_label(): list(line.get_ydata()) for line in axes.lines}
-    points = [bars.lines[0] for bars in axes.containers]
-    assert [list(line.get_ydata()) for line in points] == [[0.9], [0.2]]
-    assert points[1].get_markerfacecolor() == "white"
-    assert heights["paper, real arm, 25 trials"] == [1.0]
-    assert [text.get_text() for text in axes.get_xticklabels()] == ["0", "2"]
 
 
 def test_a_mean_curve_has_the_steps_at_which_every_seed_was_evaluated():
@@ -683,4 +549,12 @@ def test_html_is_escaped():
     ],
 )
 def test_options_are_called_by_what_they_mean(changed, words):
-    assert in_words(changed) == words
+    assert in_words(changed, Randomisation()) == words
+
+
+def test_what_is_drawn_has_one_word_where_it_is_all_or_nothing():
+    drawn = {"randomisation.friction": (1.0, 2.0), "randomisation.delay": 0.5, "sac.gamma": 0.9}
+    assert in_words(drawn, TRAINING) == "randomised, gamma_k 0.9"
+    assert in_words(drawn, Randomisation()) == "no randomisation, gamma_k 0.9"
+    some = Randomisation(friction=(1.0, 2.0))
+    assert in_words({"randomisation.friction": (1.0, 2.0)}, some) == "friction 1 2"

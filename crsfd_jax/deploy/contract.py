@@ -105,8 +105,8 @@ def _randomisation(drawn: Randomisation) -> dict[str, Any]:
     return {
         "formula": "drawn anew for every episode of training; with factors 1 and zeros, nothing is",
         "unit": "friction, stiffness, damping: factors, low high; delay: share of episodes whose "
-        "setpoints come one step late; socket_yaw, encoder_offset: rad, low high; position_noise: m, "
-        "rotation_noise: rad, standard deviations of a reading",
+        "setpoints come one step late; socket_yaw, encoder_offset: rad, low high; "
+        "position_noise: m, rotation_noise: rad, standard deviations of a reading",
         **dataclasses.asdict(drawn),
     }
 

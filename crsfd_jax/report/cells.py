@@ -1,7 +1,7 @@
 """Runs of the same method on the same task, put together: a cell of a table."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,15 +11,15 @@ from crsfd_jax.curve import Curve
 from crsfd_jax.options import shapes
 from crsfd_jax.options.names import MAY_CHANGE, by_full_name
 from crsfd_jax.report.methods import WITHOUT_INTERACTION, method_of, rank
-from crsfd_jax.report.runs import Run
+from crsfd_jax.report.runs import Exploring, Run
 from crsfd_jax.report.statistics import final
 from crsfd_jax.report.words import in_words
 
 # What a run is told apart by, or what says nothing about what is learned.
 _ASIDE = {"algorithm", "shape", "shift", "seed", "seeds", "steps", "replay.capacity"}
 _ASIDE |= {*MAY_CHANGE} - {"engine"}
-_TASK = ("scene.", "mdp.", "randomisation.")
-"""Options that define the task, besides shape and shift."""
+_OWN = "potential."
+"""Options that mean something to some methods only."""
 
 
 class Task(NamedTuple):
@@ -27,6 +27,8 @@ class Task(NamedTuple):
 
     shape: str
     shift_mm: float
+    grids: str = ""
+    """Of shapes that are the user's own: another grid of the same name is another task."""
 
     def __str__(self) -> str:
         shift = f"shift {self.shift_mm:g} mm" if self.shift_mm else "no shift"
@@ -35,7 +37,8 @@ class Task(NamedTuple):
 
 def task_of(config: Config) -> Task:
     """The task of a run with these options."""
-    return Task(shapes.label(config.shape), round(config.shift * 1e3, 6))
+    grids = config.shape if "=" in config.shape else ""
+    return Task(shapes.label(config.shape), round(config.shift * 1e3, 6), grids)
 
 
 class Cell(NamedTuple):
@@ -44,11 +47,11 @@ class Cell(NamedTuple):
     method: str
     task: Task
     variant: str
-    """Options in which it differs from the method's other runs, in words; empty for most."""
+    """Options in which it differs from most runs, in words, other words for other options; empty
+    for most."""
     curve: Curve
     """Success of all seeds; without interaction, the final one at 0 steps."""
-    exploring: Curve
-    """Success of the episodes of training; NaN where there were none."""
+    exploring: Exploring
     seeds: np.ndarray
     """[S] of the columns of `curve`."""
     planned_steps: int
@@ -58,7 +61,7 @@ class Cell(NamedTuple):
     @property
     def steps(self) -> int:
         """Environment steps that every seed has made."""
-        return min(int(run.curve.env_steps[-1]) for run in self.runs)
+        return min(_last(run) for run in self.runs)
 
     @property
     def finished(self) -> bool:
@@ -74,7 +77,8 @@ class Cell(NamedTuple):
 def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
     """Sorts runs into cells; of the same seed twice, the longer run counts.
 
-    Runs of another number of steps are another cell: their areas do not compare.
+    Runs of another number of steps are another cell: their areas do not compare. What is unfinished
+    waits while there are finished runs of its cell.
 
     Returns:
       Cells, by task and then by method, the longest runs first, and a line for each run that is
@@ -88,11 +92,13 @@ def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
         changed = _changed(run.options, usual[method])
         place = method, task_of(config), tuple(changed.items()), config.steps
         groups.setdefault(place, []).append(run)
+    variants = _variants({changed: group[0] for (_, _, changed, _), group in groups.items()})
     cells, left_out = [], []
     for (method, task, changed, steps), group in groups.items():
-        kept, lines = _without_repeats(group)
-        left_out += lines
-        cells.append(_cell(method, task, in_words(dict(changed)), steps, kept))
+        kept, repeated = _without_repeats(group)
+        kept, waiting = _finished(kept, method, steps)
+        left_out += [*repeated, *waiting]
+        cells.append(_cell(method, task, variants[changed], steps, kept))
     cells.sort(key=lambda c: (c.task, rank(c.method), c.variant, -c.planned_steps))
     return cells, left_out
 
@@ -110,12 +116,12 @@ def unusual_options(cells: Iterable[Cell]) -> dict[str, dict[str, Any]]:
 def _usual_options(runs: Sequence[Run]) -> dict[str, dict[str, Any]]:
     """For each method, each option's most frequent value; at a tie the default if it is there.
 
-    What defines the task is counted over all methods: they are compared on the same parts.
+    All but their own is counted over all methods: they are compared where they have it alike.
     """
     default, seen = by_full_name(to_dict(Config())), {}
     for run in runs:
         for name, value in run.options.items():
-            method = "" if name.startswith(_TASK) else method_of(run.manifest.config)
+            method = method_of(run.manifest.config) if name.startswith(_OWN) else ""
             seen.setdefault((method, name), Counter())[value] += 1
     usual = {method_of(run.manifest.config): {} for run in runs}
     for (method, name), counter in seen.items():
@@ -134,9 +140,35 @@ def _matters(name: str) -> bool:
     return name not in _ASIDE and not name.startswith("evaluation.")
 
 
+def _variants(changed: Mapping[tuple, Run]) -> dict[tuple, str]:
+    """Words for each set of options, a run of which is given; a number tells equal words apart."""
+    words, used = {}, Counter()
+    for options, run in changed.items():
+        said = in_words(dict(options), run.manifest.config.randomisation)
+        used[said] += 1
+        words[options] = said if used[said] == 1 else f"{said} ({used[said]})"
+    return words
+
+
+def _finished(runs: Sequence[Run], method: str, steps: int) -> tuple[list[Run], list[str]]:
+    """The finished runs, and a line for each other; all runs if none is finished."""
+    ended: dict[bool, list[Run]] = {True: [], False: []}
+    for run in runs:
+        ended[method in WITHOUT_INTERACTION or _last(run) >= steps].append(run)
+    if not ended[True]:
+        return ended[False], []
+    said = "waits for its end: other seeds are there"
+    lines = [f"{run.name}: {_last(run):,} of {steps:,} steps, {said}" for run in ended[False]]
+    return ended[True], lines
+
+
+def _last(run: Run) -> int:
+    return int(run.curve.env_steps[-1])
+
+
 def _without_repeats(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     kept, lines = [], []
-    for run in sorted(runs, key=lambda run: (-run.curve.env_steps[-1], run.name)):
+    for run in sorted(runs, key=lambda run: (-_last(run), run.name)):
         same = [other for other in kept if set(other.seeds) & set(run.seeds)]
         if same:
             lines.append(f"{run.name}: repeats seeds of {same[0].name}, which is at least as long")
@@ -155,7 +187,7 @@ def _cell(method: str, task: Task, variant: str, planned: int, runs: Sequence[Ru
         task=task,
         variant=variant,
         curve=curve,
-        exploring=_beside([run.exploring for run in runs]),
+        exploring=Exploring(*map(_beside, zip(*(run.exploring for run in runs), strict=True))),
         seeds=np.concatenate([run.seeds for run in runs]),
         planned_steps=planned,
         runs=tuple(runs),

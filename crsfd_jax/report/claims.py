@@ -15,7 +15,7 @@ from crsfd_jax.report.evidence import (
 from crsfd_jax.report.layout import SETTING1
 from crsfd_jax.report.methods import ARMS, BASELINES, WITHOUT_INTERACTION
 from crsfd_jax.report.pairing import index
-from crsfd_jax.report.transfer import Transfer
+from crsfd_jax.report.trials import Trials
 
 SMALL = 0.5
 """A success rate that the paper calls a small chance, or failing most of the time."""
@@ -27,7 +27,7 @@ _GAINS = (Task("0", 8.0), Task("2", 4.0), Task("2", 6.0), Task("2", 8.0))
 _SHIFTS = (4.0, 6.0, 8.0)
 
 
-def judge(cells: Sequence[Cell], transfers: Sequence[Transfer]) -> list[Claim]:
+def judge(cells: Sequence[Cell], transfers: Sequence[Trials]) -> list[Claim]:
     """All claims, in the order of the paper."""
     book = index(cells)
     return [*_setting1(book), *_setting2(book), _ablation(book), _transfer(transfers)]
@@ -114,7 +114,7 @@ def _ablation(book) -> Claim:
     )
 
 
-def _transfer(transfers: Sequence[Transfer]) -> Claim:
+def _transfer(transfers: Sequence[Trials]) -> Claim:
     return claim(
         "Policies trained under randomisation succeed on an arm they never met in 1.0, 1.0, 0.92, "
         "0.92, 0.96 of the trials on shapes 0 to 4 (here: in simulation, under a randomisation "

@@ -10,8 +10,7 @@ from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, Claim, show
 from crsfd_jax.report.methods import WITHOUT_INTERACTION, style
 from crsfd_jax.report.pairing import Rivals, longest, rivals
-from crsfd_jax.report.statistics import final
-from crsfd_jax.report.summary import LEVEL, compare, scores
+from crsfd_jax.report.summary import LEVEL, compare, scores, summarise
 
 
 def sentences(cells: Sequence[Cell], claims: Sequence[Claim]) -> list[str]:
@@ -35,8 +34,12 @@ def subject(cells: Sequence[Cell]) -> str:
 
 
 def _level(cells: Sequence[Cell], ours: str) -> str:
-    success = {c.task: final(*c.curve).mean() for c in cells if c.method == ours}
+    mine = [cell for cell in cells if cell.method == ours]
+    ended = [cell for cell in mine if cell.finished]
+    success = {cell.task: summarise(cell).mean for cell in ended or mine}
     label, rates = style(ours).label, np.array(list(success.values()))
+    if not ended:
+        return f"{label} stands at a mean success of {rates.mean():.3f}; no run of it is finished."
     if len(rates) == 1:
         return f"{label} ends at a success of {rates[0]:.3f} on {next(iter(success))}."
     worst = min(success, key=lambda task: success[task])

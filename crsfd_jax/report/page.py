@@ -15,18 +15,17 @@ from crsfd_jax.report import (
     html,
     layout,
     leads,
-    own_trials,
     runs,
     tables,
-    transfer,
     trial_sections,
+    trials,
 )
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, RULE, Claim
 from crsfd_jax.report.layout import Figure
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.summary import LEVEL
-from crsfd_jax.report.transfer import Transfer
+from crsfd_jax.report.trials import Trials
 from crsfd_jax.storage import run_folder
 from crsfd_jax.storage.files import output, write_atomically
 
@@ -62,8 +61,7 @@ class Report(NamedTuple):
     cells: list[Cell]
     figures: list[Figure]
     claims: list[Claim]
-    transfers: list[Transfer]
-    trials: list[own_trials.Trials]
+    trials: list[Trials]
     skipped: list[str]
 
 
@@ -75,15 +73,13 @@ def collect(roots: Sequence[str]) -> Report:
     """
     found = runs.find(roots)
     cells, repeated = grouping.gather(found.runs)
-    held_out, unusable = transfer.find(roots)
-    own, unreadable = own_trials.find(roots)
+    played, unusable = trials.find(roots, cells)
     return Report(
         cells=cells,
         figures=layout.figures(cells),
-        claims=claims.judge(cells, held_out),
-        transfers=held_out,
-        trials=own,
-        skipped=[*found.skipped, *repeated, *unusable, *unreadable],
+        claims=claims.judge(cells, played),
+        trials=played,
+        skipped=[*found.skipped, *repeated, *unusable],
     )
 
 
@@ -105,8 +101,8 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
             html.section("Success against environment steps", *pictures),
             _comparisons(report, folder),
             _claims(report.claims),
-            trial_sections.held_out(report.transfers, folder),
-            trial_sections.own(report.trials),
+            trial_sections.held_out([t for t in report.trials if t.held_out], folder),
+            trial_sections.own([t for t in report.trials if not t.held_out]),
             _potential(folder, value_map),
             _films(report.cells),
             _origin(report),

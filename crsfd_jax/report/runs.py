@@ -16,9 +16,17 @@ from crsfd_jax.training import troubles
 
 SUCCESS = "eval/success_rate"
 EXPLORING = "train/success_rate"
+EPISODES = "train/episodes"
 _FILMS = (".gif", ".mp4", ".webm")
 _FOREIGN = ("checkpoints", "report", "__pycache__")
 """Folders in which no run is looked for."""
+
+
+class Exploring(NamedTuple):
+    """Episodes of training since the start, in which the policy explores, at each evaluation."""
+
+    successes: Curve
+    episodes: Curve
 
 
 class Run(NamedTuple):
@@ -26,12 +34,13 @@ class Run(NamedTuple):
 
     name: str
     """Where it was found, as short as tells it apart."""
+    described: Path
+    """Its config.json, or NAME.json."""
     manifest: Manifest
-    """What config.json says."""
+    """What that says."""
     curve: Curve
     """Success of each seed against environment steps."""
-    exploring: Curve
-    """That of the episodes of training since the evaluation before; NaN where there were none."""
+    exploring: Exploring
     seeds: np.ndarray
     """[S] seeds of the columns of `curve`, ascending."""
     wall_s: float
@@ -107,7 +116,7 @@ def _read_into(found: Found, table: Path, config: Path, name: str) -> None:
         columns = metrics.read(table)
         if SUCCESS not in columns or not len(columns["env_steps"]):
             raise UserError(f"{table}: holds no evaluation yet")
-        found.runs.append(_run(name, table, told, columns))
+        found.runs.append(_run(name, table, config, told, columns))
     except UserError as error:
         found.skipped.append(str(error))
 
@@ -124,10 +133,13 @@ def _is_of_folder(table: Path) -> bool:
     return table == run_folder.at(table.parent).metrics
 
 
-def _run(name: str, table: Path, told: Manifest, columns: Mapping[str, np.ndarray]) -> Run:
+def _run(
+    name: str, table: Path, config: Path, told: Manifest, columns: Mapping[str, np.ndarray]
+) -> Run:
     wall = columns.get("time/wall_s", np.array([np.nan]))
     return Run(
         name=name,
+        described=config,
         manifest=told,
         curve=curve(columns, SUCCESS),
         exploring=_exploring(columns),
@@ -138,11 +150,12 @@ def _run(name: str, table: Path, told: Manifest, columns: Mapping[str, np.ndarra
     )
 
 
-def _exploring(columns: Mapping[str, np.ndarray]) -> Curve:
-    nothing = np.full(len(columns["env_steps"]), np.nan)
-    has_any = columns.get("train/episodes", nothing) > 0
-    success = np.where(has_any, columns.get(EXPLORING, nothing), nothing)
-    return curve({**columns, EXPLORING: success}, EXPLORING)
+def _exploring(columns: Mapping[str, np.ndarray]) -> Exploring:
+    none = np.zeros(len(columns["env_steps"]))
+    rate, episodes = (np.nan_to_num(columns.get(n, none)) for n in (EXPLORING, EPISODES))
+    each = {EXPLORING: rate * episodes, EPISODES: episodes}
+    found = (curve({**columns, **each}, name) for name in each)
+    return Exploring(*(Curve(c.env_steps, np.nancumsum(c.values, axis=0)) for c in found))
 
 
 def _films(folder: Path) -> tuple[Path, ...]:

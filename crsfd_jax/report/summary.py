@@ -47,6 +47,8 @@ class Comparison(NamedTuple):
     exploring: Estimate | None
     """Difference of the area under the curve of the episodes of training, in which the policy
     explores; None if a method has none."""
+    middle: tuple[Estimate, Estimate]
+    """Interquartile means of the areas of both."""
     better_final: Estimate
     """Chance that a seed of the first has the larger final success."""
     better_area: Estimate
@@ -67,8 +69,9 @@ class Scores(NamedTuple):
 
 
 def summarise(cell: Cell) -> Summary:
-    """The numbers of a cell over its own steps."""
-    curve, last = cell.curve, statistics.final(*cell.curve)
+    """The numbers of a cell over the steps that all its seeds have made."""
+    curve = _at(common_steps(cell, cell), cell.curve) if cell.interacts else cell.curve
+    last = statistics.final(*curve)
     each = [statistics.settled_at(curve.env_steps, seed, LEVEL) for seed in curve.values.T]
     return Summary(
         mean=float(last.mean()),
@@ -84,7 +87,7 @@ def summarise(cell: Cell) -> Summary:
 def scores(ours: Cell, theirs: Cell) -> Scores | None:
     """Scores of two cells of one task, from the evaluations that all seeds have.
 
-    Without a seed in common, seeds are paired in their order.
+    If not all seeds of the smaller cell are in the other, seeds are paired in their order.
 
     Returns:
       None if there are none.
@@ -95,7 +98,7 @@ def scores(ours: Cell, theirs: Cell) -> Scores | None:
     kept = [_at(steps, cell.curve) if cell.interacts else cell.curve for cell in (ours, theirs)]
     final = [statistics.final(*curve) for curve in kept]
     area = [statistics.area(*curve) for curve in kept]
-    exploring = [statistics.area(*_at(steps, cell.exploring)) for cell in (ours, theirs)]
+    exploring = [statistics.area(*_explored(steps, cell)) for cell in (ours, theirs)]
     first, second = _pairs(ours.seeds, theirs.seeds)
     return Scores(
         steps=int(steps[-1]),
@@ -122,6 +125,10 @@ def compare(pairs: Sequence[tuple[Cell, Cell]]) -> Comparison | None:
         final=statistics.mean_interval([task.final_gap for task in each], seeds),
         area=statistics.mean_interval([task.area_gap for task in each], seeds),
         exploring=statistics.mean_interval(exploring, seeds) if explored else None,
+        middle=(
+            statistics.interquartile_interval([task.area[0] for task in each]),
+            statistics.interquartile_interval([task.area[1] for task in each]),
+        ),
         better_final=statistics.improvement(*zip(*(task.final for task in each), strict=True)),
         better_area=statistics.improvement(*zip(*(task.area for task in each), strict=True)),
     )
@@ -132,8 +139,20 @@ def _at(steps: np.ndarray, curve: Curve) -> Curve:
     return Curve(curve.env_steps[rows], curve.values[rows])
 
 
+def _explored(steps: np.ndarray, cell: Cell) -> Curve:
+    """Success of the episodes of training from one of these steps to the next; NaN without any."""
+    if not cell.interacts:
+        return Curve(steps, np.full((len(steps), len(cell.seeds)), np.nan))
+    successes, episodes = (
+        np.diff(_at(steps, curve).values, axis=0, prepend=0.0) for curve in cell.exploring
+    )
+    rate = np.full(episodes.shape, np.nan)
+    return Curve(steps, np.divide(successes, episodes, out=rate, where=episodes > 0))
+
+
 def _pairs(ours: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns of the seeds that both cells have, in the same order."""
     _, first, second = np.intersect1d(ours, theirs, return_indices=True)
-    rows = np.arange(min(len(ours), len(theirs)))
-    return (first, second) if len(first) else (rows, rows)
+    fewer = min(len(ours), len(theirs))
+    rows = np.arange(fewer)
+    return (first, second) if len(first) == fewer else (rows, rows)

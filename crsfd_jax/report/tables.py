@@ -5,15 +5,13 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from crsfd_jax.intervals import wilson_interval
+from crsfd_jax.report import trials
 from crsfd_jax.report.cells import Cell, unusual_options
 from crsfd_jax.report.evidence import show
 from crsfd_jax.report.methods import style
-from crsfd_jax.report.own_trials import Trials
 from crsfd_jax.report.pairing import rivals
-from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.report.summary import LEVEL, Comparison, compare, summarise
-from crsfd_jax.report.transfer import Transfer
+from crsfd_jax.report.trials import Trials
 
 
 class Table(NamedTuple):
@@ -46,7 +44,7 @@ def comparisons(cells: Sequence[Cell], ours: str) -> tuple[Table, Table]:
     """One method against each other: over all tasks that both have, and task by task."""
     pairs = rivals(cells, ours)
     head = ("difference of area", "while exploring", "difference of final success")
-    head += ("P(better area)", "P(better final)", "steps")
+    head += ("P(better area)", "P(better final)", "IQM of area", "of the other", "steps")
     over_all, each = (
         Table(("against", "tasks", *head), [], 1),
         Table(("task", "against", *head), [], 2),
@@ -62,16 +60,12 @@ def comparisons(cells: Sequence[Cell], ours: str) -> tuple[Table, Table]:
     return over_all, Table(each.head, sorted(each.rows, key=lambda row: row[0]), each.words)
 
 
-def transfers(found: Sequence[Transfer], paper: dict[str, float]) -> Table:
+def transfers(found: Sequence[Trials], paper: dict[str, float]) -> Table:
     """Held-out trials of each shape beside the paper's on the real arm."""
     rows = []
     for each in found:
-        rate = each.successes / each.trials
-        interval = Estimate(rate, *wilson_interval(each.successes, each.trials))
         theirs = f"{paper[each.shape]:.2f}" if each.shape in paper else ""
-        rows.append(
-            (each.label, each.shape, show(interval), f"{each.successes} of {each.trials}", theirs)
-        )
+        rows.append((each.label, each.shape, *_rate(each), theirs))
     head = ("method", "shape", "success, 95 % interval", "trials", "paper, real arm, 25 trials")
     return Table(head, rows, 2)
 
@@ -79,15 +73,15 @@ def transfers(found: Sequence[Transfer], paper: dict[str, float]) -> Table:
 def own_trials(found: Sequence[Trials]) -> Table:
     """Trials on each shape of the task of training, and on all of them where they are several."""
     rows = []
-    for (task, method), group in itertools.groupby(found, lambda t: (t.task, t.method)):
-        each = [(t.shape, t.successes, t.trials) for t in group]
-        if len(each) > 1:
-            each.append(("all", sum(s for _, s, _ in each), sum(n for _, _, n in each)))
-        for shape, successes, trials in each:
-            rate = Estimate(successes / trials, *wilson_interval(successes, trials))
-            of = f"{successes} of {trials}"
-            rows.append((style(method).label, str(task), shape, show(rate), of))
+    for _, group in itertools.groupby(found, lambda t: id(t.cell)):
+        shapes = list(group)
+        for each in [*shapes, trials.together(shapes)] if len(shapes) > 1 else shapes:
+            rows.append((name(each.cell), str(each.cell.task), each.shape, *_rate(each)))
     return Table(("method", "trained on", "shape", "success, 95 % interval", "trials"), rows, 3)
+
+
+def _rate(each: Trials) -> tuple[str, str]:
+    return show(each.rate), f"{each.successes.sum()} of {each.trials.sum()}"
 
 
 def machines(cells: Sequence[Cell]) -> Table:
@@ -153,5 +147,6 @@ def _comparison(found: Comparison) -> tuple[str, ...]:
         show(found.final, "+.3f"),
         show(found.better_area, ".2f"),
         show(found.better_final, ".2f"),
+        *map(show, found.middle),
         f"{low:,}" if low == high else f"{low:,} to {high:,}",
     )

@@ -3,22 +3,25 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from crsfd_jax.report import claims, html, tables, trials
-from crsfd_jax.report.own_trials import Trials
-from crsfd_jax.report.transfer import Transfer
+from crsfd_jax.report import claims, html, tables, transfer, trials
+from crsfd_jax.report.evidence import show
+from crsfd_jax.report.trials import Trials
 
 
-def held_out(found: Sequence[Transfer], folder: Path) -> str:
+def held_out(found: Sequence[Trials], folder: Path) -> str:
     """Trials under conditions that training never saw, drawn and as a table."""
     if not found:
         return ""
     path = folder / "transfer.png"
-    trials.draw(found, claims.ROBOT, path)
+    transfer.draw(found, claims.ROBOT, path)
     text = "Success rate under a randomisation that training never saw, 95 % interval."
-    rates: dict[str, list[float]] = {}
+    labels: dict[str, list[Trials]] = {}
     for each in found:
-        rates.setdefault(each.label, []).append(each.successes / each.trials)
-    means = [f"{label}: {sum(r) / len(r):.3f} over {len(r)} shapes" for label, r in rates.items()]
+        labels.setdefault(each.label, []).append(each)
+    means = [
+        f"{label}: {show(trials.of_shapes(each))} over {len(each)} shapes"
+        for label, each in labels.items()
+    ]
     shown = html.table(*tables.transfers(found, claims.ROBOT))
     said = html.paragraph("; ".join(means) + ".")
     return html.section("Held-out randomisation", said, html.media(path, text), shown)

@@ -1,56 +1,157 @@
-"""Draws held-out trials, shape by shape, beside those of the paper on its arm."""
+"""Trials of trained policies: under conditions that training never saw, or of its own task."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-import matplotlib.figure
 import numpy as np
 
-from crsfd_jax.intervals import wilson_interval
-from crsfd_jax.report.figures import clean, save
-from crsfd_jax.report.methods import style
-from crsfd_jax.report.transfer import Transfer
+from crsfd_jax.errors import UserError
+from crsfd_jax.options.randomisation import TRAINING, Randomisation
+from crsfd_jax.report import statistics
+from crsfd_jax.report.cells import Cell
+from crsfd_jax.report.methods import rank, style
+from crsfd_jax.report.statistics import Estimate
+from crsfd_jax.storage import run_folder
+from crsfd_jax.storage import trials as table
+from crsfd_jax.storage.trials import Row
 
-_APART = 0.16
-"""Between the methods of a shape, of the distance between two shapes."""
+_HELD_OUT = ("--held-out",)
+_NUMBER = ("--episodes", "--seed")
+"""Options that say how many episodes are played, and which."""
+_TRAINING = {TRAINING: "randomised", Randomisation(): "no randomisation"}
 
 
-def draw(found: Sequence[Transfer], paper: Mapping[str, float], path: Path) -> None:
-    """Writes a PNG: success rate and 95 % interval of each method on each shape.
+class Trials(NamedTuple):
+    """All trials of the policies of a cell on one shape."""
 
-    Args:
-      found: at least one.
-      paper: shape -> success on the real arm.
+    cell: Cell
+    shape: str
+    held_out: bool
+    """Under a randomisation that training never saw; else on the task of training."""
+    seeds: np.ndarray
+    """[S]."""
+    successes: np.ndarray
+    """[S] of each seed."""
+    trials: np.ndarray
+    """[S]."""
+
+    @property
+    def rate(self) -> Estimate:
+        """Success rate of all seeds."""
+        return statistics.rate_interval(self.successes, self.trials)
+
+    @property
+    def drawn(self) -> Randomisation:
+        """What was drawn in training."""
+        return self.cell.runs[0].manifest.config.randomisation
+
+    @property
+    def label(self) -> str:
+        """Method and training, in words."""
+        word = _TRAINING.get(self.drawn, "" if self.cell.variant else "randomised otherwise")
+        unusual = (w for w in self.cell.variant.split(", ") if w not in _TRAINING.values())
+        shift = f"{self.cell.task.shift_mm:g} mm"
+        return ", ".join(filter(None, (style(self.cell.method).label, shift, word, *unusual)))
+
+
+def find(roots: Sequence[str | Path], cells: Sequence[Cell]) -> tuple[list[Trials], list[str]]:
+    """Reads the tables in and below folders that belong to runs of the cells.
+
+    A table belongs to the run in whose folder it lies, or to the NAME.json that its name begins
+    with. Of several tables of a run under the same conditions, that with the most trials counts.
+
+    Returns:
+      Trials, held-out ones first, by training, method, task and shape, and a line for each table
+      that is not used.
     """
-    shapes = sorted({each.shape for each in found})
-    labels = list(dict.fromkeys(each.label for each in found))
-    canvas = matplotlib.figure.Figure((1.0 * len(shapes) + 4.2, 3.0), layout="constrained")
-    axes = canvas.subplots()
-    clean(axes)
-    for number, label in enumerate(labels):
-        own = [each for each in found if each.label == label]
-        place = [shapes.index(each.shape) for each in own]
-        rate = np.array([each.successes / each.trials for each in own])
-        ends = np.array([wilson_interval(each.successes, each.trials) for each in own]).T
-        colour = style(own[0].method).colour
-        axes.errorbar(
-            np.array(place) + _APART * (number - (len(labels) - 1) / 2),
-            rate,
-            np.abs(ends - rate),
-            fmt="o",
-            color=colour,
-            markerfacecolor=colour if own[0].randomised else "white",
-            capsize=2,
-            label=label,
+    owners = {run.described.resolve(): cell for cell in cells for run in cell.runs}
+    largest: dict[tuple[Path | None, bool], list[Row]] = {}
+    skipped = []
+    for path in sorted({path.resolve() for root in roots for path in Path(root).rglob("*.csv")}):
+        try:
+            if rows := table.read(path):
+                run, held_out = _described(path), _is_held_out(path, rows)
+                if run not in owners:
+                    raise UserError(f"{path}: trials of no run that is shown")
+                others = largest.get((run, held_out), [])
+                largest[run, held_out] = max(others, rows, key=lambda r: sum(x.trials for x in r))
+        except UserError as error:
+            skipped.append(str(error))
+    return sorted(_summed(largest, owners), key=_place), skipped
+
+
+def together(found: Sequence[Trials]) -> Trials:
+    """Trials of the policies of a cell on several shapes, as of one."""
+    seeds, rows = np.unique(np.concatenate([each.seeds for each in found]), return_inverse=True)
+    successes = np.concatenate([each.successes for each in found])
+    trials = np.concatenate([each.trials for each in found])
+    return found[0]._replace(
+        shape="all",
+        seeds=seeds,
+        successes=np.bincount(rows, successes).astype(int),
+        trials=np.bincount(rows, trials).astype(int),
+    )
+
+
+def of_shapes(found: Sequence[Trials]) -> Estimate:
+    """Success rate on several shapes, each of which weighs the same."""
+    return statistics.mean_interval(
+        [t.successes / t.trials for t in found], [t.seeds for t in found]
+    )
+
+
+def _is_held_out(path: Path, rows: Sequence[Row]) -> bool:
+    """Whether trials are under the held-out randomisation; they are of the run's own task if not.
+
+    Raises:
+      UserError: they are of neither, or of both.
+    """
+    asked = set()
+    for options in {row.options for row in rows}:
+        words = shlex.split(options)
+        for name in _NUMBER:
+            if name in words:
+                del words[words.index(name) : words.index(name) + 2]
+        asked.add(tuple(words))
+    if len(asked) > 1 or not asked <= {(), _HELD_OUT}:
+        said = "; ".join(" ".join(words) for words in sorted(asked))
+        raise UserError(f"{path}: trials under conditions of their own ({said})")
+    return asked == {_HELD_OUT}
+
+
+def _described(path: Path) -> Path | None:
+    """The file that describes the run of a table."""
+    described = [file for file in path.parent.glob("*.json") if path.stem.startswith(file.stem)]
+    described += [file for file in [run_folder.at(path.parent).config] if file.exists()]
+    return max(described, key=lambda file: len(file.stem), default=None)
+
+
+def _summed(
+    largest: Mapping[tuple[Path | None, bool], Sequence[Row]], owners: Mapping[Path, Cell]
+) -> list[Trials]:
+    """The rows of all runs of a cell, put together by shape."""
+    rows_of: dict[tuple[int, str, bool], list[Row]] = {}
+    cell_of = {id(cell): cell for cell in owners.values()}
+    for (run, held_out), rows in largest.items():
+        for row in rows:
+            assert run is not None
+            rows_of.setdefault((id(owners[run]), row.shape, held_out), []).append(row)
+    return [
+        Trials(
+            cell_of[mark],
+            shape,
+            held_out,
+            np.array([row.seed for row in rows]),
+            np.array([row.successes for row in rows]),
+            np.array([row.trials for row in rows]),
         )
-    known = [(place, paper[shape]) for place, shape in enumerate(shapes) if shape in paper]
-    if known:
-        (theirs,) = axes.plot(*zip(*known, strict=True), label="paper, real arm, 25 trials")
-        theirs.set(color="0.45", marker="_", markersize=26, linestyle="none")
-    axes.set_xticks(range(len(shapes)), shapes)
-    axes.set_xlim(-0.5, len(shapes) - 0.5)
-    axes.set_ylim(top=1.01)
-    axes.set_xlabel("shape", fontsize=10)
-    axes.set_ylabel("success rate", fontsize=10)
-    canvas.legend(loc="outside right upper", frameon=False, fontsize=10)
-    save(canvas, path)
+        for (mark, shape, held_out), rows in rows_of.items()
+    ]
+
+
+def _place(trials: Trials) -> tuple:
+    cell = trials.cell
+    order = list(_TRAINING).index(trials.drawn) if trials.drawn in _TRAINING else len(_TRAINING)
+    return not trials.held_out, order, rank(cell.method), cell.variant, cell.task, trials.shape

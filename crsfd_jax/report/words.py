@@ -3,28 +3,39 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from crsfd_jax.config import Config, to_dict
-from crsfd_jax.options.names import by_full_name, show
+from crsfd_jax.options.names import show
+from crsfd_jax.options.randomisation import TRAINING, Randomisation
 
+_DRAWN = "randomisation."
+_KNOWN = {Randomisation(): "no randomisation", TRAINING: "randomised"}
 _MOST = 3
 """Options that are named; dots stand for more."""
 
 
-def in_words(changed: Mapping[str, Any]) -> str:
-    """Options and their values; one word stands for several that are drawn, or made small."""
+def in_words(changed: Mapping[str, Any], drawn: Randomisation) -> str:
+    """Options and their values; one word stands for those that make a run small, or that draw.
+
+    Args:
+      drawn: all that the run draws.
+    """
     if "smoke" in changed:
         return "smoke" if changed["smoke"] else "no smoke"
-    drawn = [name for name in changed if name.startswith("randomisation.")]
-    drawn = drawn if len(drawn) > 1 else []
-    usual = by_full_name(to_dict(Config()))
-    none = all(changed[name] == usual.get(name) for name in drawn)
-    words = ["no randomisation" if none else "randomised"] if drawn else []
-    words += [_in_words(name, changed[name]) for name in changed if name not in drawn]
+    rest = {name: value for name, value in changed.items() if not name.startswith(_DRAWN)}
+    words = _drawn(drawn) if len(rest) < len(changed) else []
+    words += [_in_words(name, value) for name, value in rest.items()]
     return ", ".join(words[:_MOST]) + ", ..." * (len(words) > _MOST)
 
 
+def _drawn(drawn: Randomisation) -> list[str]:
+    if drawn in _KNOWN:
+        return [_KNOWN[drawn]]
+    usual = vars(Randomisation())
+    changed = (name for name, value in vars(drawn).items() if value != usual[name])
+    return [_in_words(f"{_DRAWN}{name}", getattr(drawn, name)) for name in changed]
+
+
 def _in_words(name: str, value: Any) -> str:
-    return _WORDS[name](value) if name in _WORDS else f"{name} {show(value)}"
+    return _WORDS[name](value) if name in _WORDS else f"{name.removeprefix(_DRAWN)} {show(value)}"
 
 
 def _millimetres(metres: float) -> str:

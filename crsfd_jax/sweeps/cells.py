@@ -3,7 +3,7 @@
 import re
 import runpy
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.options.limits import choice_message
 from crsfd_jax.options.run_name import run_name
+from crsfd_jax.options.trials import read as read_trials
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
 
@@ -27,6 +28,8 @@ class Cell(NamedTuple):
     """What the arguments mean."""
     trials: tuple[str, ...] = ()
     """What `python -m crsfd_jax.evaluate` is called with once it is trained; empty for nothing."""
+    asked: str = ""
+    """What that means, as the table of the trials says it."""
 
 
 class Experiment(NamedTuple):
@@ -63,17 +66,23 @@ def load(name: str, also: tuple[str, ...] = ()) -> Experiment:
     except Exception as error:
         # The file is the user's: anything may be wrong in it.
         raise UserError(f"{path}: {type(error).__name__}: {error}; correct the file") from error
-    if not found.get("CELLS"):
-        raise UserError(f"{path}: defines no CELLS, expected a tuple of argument tuples; add it")
-    trials = tuple(found.get("TRIALS", ()))
+    lists, demos = found.get("CELLS"), found.get("DEMOS", {})
+    if not lists or not _are_words(lists):
+        raise UserError(f"{path}: CELLS: got {lists!r}, expected a tuple of argument tuples")
+    if not isinstance(demos, Mapping) or not _are_words(list(demos.values())):
+        raise UserError(f"{path}: DEMOS: got {demos!r}, expected files and argument tuples")
+    trials = found.get("TRIALS", ())
+    if not _are_words([trials]):
+        raise UserError(f"{path}: TRIALS: got {trials!r}, expected a tuple of arguments")
     cells = tuple(
-        _cell(path, number, (*given, *also), trials) for number, given in enumerate(found["CELLS"])
+        _cell(path, number, (*given, *also), tuple(map(str, trials)))
+        for number, given in enumerate(lists)
     )
     twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
     if twice:
         raise UserError(f"{path}: cell {twice[0]} is there more than once; keep one of them")
     description = (found["__doc__"] or path.stem).strip().splitlines()[0]
-    return Experiment(path.stem, description, cells, found.get("DEMOS", {}))
+    return Experiment(path.stem, description, cells, demos)
 
 
 def available() -> list[Path]:
@@ -82,12 +91,18 @@ def available() -> list[Path]:
     return [path for path in files if re.search(r"^CELLS = ", path.read_text(), re.MULTILINE)]
 
 
-def _cell(path: Path, number: int, given: Any, trials: tuple[str, ...]) -> Cell:
+def _are_words(lists: Any) -> bool:
+    """Whether these are several lists of arguments."""
+    return isinstance(lists, list | tuple) and all(isinstance(one, list | tuple) for one in lists)
+
+
+def _cell(path: Path, number: int, given: Sequence[Any], trials: tuple[str, ...]) -> Cell:
     try:
         arguments = tuple(map(str, given))
         config = cli.parse(Config, arguments)
+        asked = read_trials(("RUN", *trials), lambda _: config)[1] if trials else ""
     except UserError as error:
         raise UserError(f"{path}: cell {number}: {error}") from error
     if config.out:
         raise UserError(f"{path}: cell {number}: --out: got {config.out!r}, allowed: none; drop it")
-    return Cell(run_name(config), arguments, config, trials)
+    return Cell(run_name(config), arguments, config, trials, asked)

@@ -10,7 +10,7 @@ from typing import BinaryIO, Literal, NamedTuple
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.options.names import MAY_CHANGE
-from crsfd_jax.storage import artefacts, metrics, run_folder
+from crsfd_jax.storage import artefacts, metrics, run_folder, trials
 from crsfd_jax.sweeps.cells import Cell
 
 GAVE_UP = "sweep: gave up"
@@ -54,8 +54,14 @@ def is_done(out: Path, cell: Cell) -> bool:
 
 
 def has_trials(out: Path, cell: Cell) -> bool:
-    """Whether the trials of a cell, if it has any, have been played."""
-    return not cell.trials or run_folder.at(out / cell.name).trials.is_file()
+    """Whether the trials of a cell, those that it asks for, have been played."""
+    if not cell.trials:
+        return True
+    try:
+        rows = trials.read(run_folder.at(out / cell.name).trials)
+    except UserError:
+        return False
+    return bool(rows) and all(row.options == cell.asked for row in rows)
 
 
 def is_finished(folder: Path, config: Config) -> bool:
