@@ -49,7 +49,7 @@ class Sweep:
     """Cells whose name matches this pattern, such as 'crsfd-shape2*'."""
     out: str = ""
     """Folder of the run folders; runs/EXPERIMENT if empty. Experiments that share one share runs
-    of the same options."""
+    of the same options, evaluations included."""
     status: bool = False
     """Print how far every cell is, and do nothing."""
     dry_run: bool = False
@@ -77,13 +77,7 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
     start = argv.index("--") if "--" in argv else len(argv)
     argv, also = argv[:start], argv[start:]
     options = cli.parse(Sweep, argv)
-    if options.gpus and options.runner == "local":
-        raise UserError(
-            f"--gpus: got {options.gpus:g} with --runner local, allowed with ray and slurm; leave "
-            "it out, or choose another runner"
-        )
-    if options.status and options.dry_run:
-        raise UserError("--status: got --dry-run as well, allowed: one of them; leave one out")
+    _refuse_idle(options)
     experiment = cells.load(options.experiment, tuple(also[1:]))
     chosen = [cell for cell in experiment.cells if fnmatch.fnmatch(cell.name, options.only)]
     if not chosen:
@@ -97,6 +91,8 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
         retries=options.retries,
         environment=_memory_shares(options),
     )
+    if plan.out.exists() and not plan.out.is_dir():
+        raise UserError(f"--out: got {options.out!r}, a file, allowed: a folder; choose another")
     say(f"{experiment.name}: {experiment.description}")
     say(f"{len(chosen)} of {len(experiment.cells)} cells, in {plan.out}")
     if options.status:
@@ -110,6 +106,26 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
         return DONE
     demonstrations.make(experiment, unfinished)
     return _work(chosen, plan, _runner(options, plan), options.together)
+
+
+def _refuse_idle(options: Sweep) -> None:
+    """Raises UserError for options that would do nothing beside the others."""
+    if options.gpus and options.runner == "local":
+        raise UserError(
+            f"--gpus: got {options.gpus:g} with --runner local, allowed with ray and slurm; leave "
+            "it out, or choose another runner"
+        )
+    if options.gpus % 1 and options.runner == "slurm":
+        raise UserError(
+            f"--gpus: got {options.gpus:g}, allowed with slurm: whole ones; round it up"
+        )
+    if options.slurm != Slurm() and options.runner != "slurm":
+        raise UserError(
+            f"--slurm: got {options.slurm} with --runner {options.runner}, allowed with slurm; "
+            "leave it out, or choose that runner"
+        )
+    if options.status and options.dry_run:
+        raise UserError("--status: got --dry-run as well, allowed: one of them; leave one out")
 
 
 Runner = Callable[[Sequence[Group], Callable[[], bool]], Iterator[CellResult]]

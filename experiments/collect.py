@@ -21,6 +21,8 @@ RESULTS = Path(__file__).parent / "results"
 def collect(run: RunFolder) -> Path:
     """Copies a run's tables and config.json under its experiment's name and its own."""
     told, path = manifest.read(run.config), run.path.resolve()
+    if not run.metrics.exists():
+        raise UserError(f"{run.path}: has no evaluation yet; collect it later")
     folder, name = RESULTS / path.parent.name, path.name
     folder.mkdir(parents=True, exist_ok=True)
     # What may hold a path of this machine.
@@ -56,7 +58,10 @@ def main(argv: list[str]) -> None:
         if not found:
             raise UserError(f"{folder}: no run in it; give the folder of a run or one with runs")
         for config in found:
-            print(collect(run_folder.at(config.parent)))
+            try:
+                print(collect(run_folder.at(config.parent)))
+            except UserError as error:
+                print(f"left out  {error}")
 
 
 if __name__ == "__main__":

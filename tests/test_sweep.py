@@ -162,6 +162,11 @@ def test_a_name_says_every_option_but_how_far_a_run_goes():
         "CELLS = (('--shape', '1'), ('--shape=1', '--steps', '90000'))": "more than once",
         "CELLS = (('--out', 'x'),)": "--out: got 'x', allowed: none",
         "CELLS = ()": "defines no CELLS",
+        "CELLS = 5": "CELLS: got 5, expected a tuple of argument tuples",
+        "CELLS = ('--shape',)": "CELLS: got ('--shape',), expected",
+        "CELLS = ((),)\nTRIALS = '--held-out'": "TRIALS: got '--held-out', expected a tuple",
+        "CELLS = ((),)\nTRIALS = ('--episodes', '0')": "--episodes: got 0",
+        "CELLS = ((),)\nDEMOS = ('a',)": "DEMOS: got ('a',), expected files",
         "CELLS = 1 / 0": "ZeroDivisionError",
         "CELLS =": "SyntaxError",
     }.items(),
@@ -179,6 +184,9 @@ def test_a_wrong_experiment_is_answered_with_one_line(tmp_path, text, answer):
     [
         ("early --gpus 1", "--gpus: got 1 with --runner local"),
         ("early --status --dry-run", "--status: got --dry-run as well"),
+        ("early --gpus 0.5 --runner slurm", "--gpus: got 0.5, allowed with slurm: whole ones"),
+        ("early --slurm.minutes 9", "--slurm: got .* with --runner local"),
+        (f"early --status --out {__file__}", "--out: got .* a file, allowed: a folder"),
         ("absent.py", "--experiment: got 'absent.py', which does not exist"),
     ],
 )
@@ -237,6 +245,15 @@ def test_options_for_every_cell_are_part_of_its_name(file, out, capsys):
     assert metrics.read(out / name / "metrics.csv")["env_steps"].max() == 2048
     with pytest.raises(UserError, match=r"cell 0: --sac\.gamma: got 2"):
         swept(file, "--", "--sac.gamma", "2")
+
+
+def test_a_folder_with_a_run_of_other_options_is_told(file, out, capsys):
+    assert swept(file, "--only", NAMES[0]) == 0
+    described = out / NAMES[0] / "config.json"
+    changed = described.read_text().replace('"every": 2048', '"every": 1024')
+    described.write_text(changed)
+    assert '"every": 1024' in changed and swept(file, "--status") == 0
+    assert "1 other, 2 new" in capsys.readouterr().out.splitlines()[-1]
 
 
 def test_a_dry_run_and_a_status_write_nothing(file, out, capsys):

@@ -16,6 +16,10 @@ NAME = "crsfd-shape1-shift0mm-seed0x2-smoke"
 NOTE = "import sys; from pathlib import Path; out = Path(sys.argv[-1]); "
 """A program whose last argument is the file that it writes."""
 WRITE = NOTE + "out.write_text(' '.join(sys.argv[1:]))"
+PLAY = NOTE + (
+    "assert not out.exists(); words = ' '.join(sys.argv[2:-2]); "
+    "out.write_text('seed,shape,trials,successes,options\\n0,1,7,3,' + words + '\\n')"
+)
 TWICE = NOTE + "tried = out.with_name('tried'); first = not tried.exists(); tried.touch(); "
 
 
@@ -27,7 +31,7 @@ def fake(program: str) -> tuple[str, ...]:
 def file(tmp_path, monkeypatch) -> Path:
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(attempt, "EVALUATE", fake(WRITE))
+    monkeypatch.setattr(attempt, "EVALUATE", fake(PLAY))
     monkeypatch.setattr(demonstrations, "DEMOS", fake(WRITE))
     path = tmp_path / "beside.py"
     path.write_text(
@@ -47,7 +51,7 @@ def test_each_cell_has_its_trials_once_it_is_trained(file):
     for cell in cells.load(str(file)).cells:
         folder = Path.cwd() / "runs" / "beside" / cell.name
         table = folder / "trials.csv"
-        assert table.read_text() == f"{folder} --held-out --episodes 7 --csv {table}"
+        assert table.read_text().splitlines()[1] == "0,1,7,3,--held-out --episodes 7"
         written = table.stat().st_mtime_ns
         assert swept(file) == 0
         assert table.stat().st_mtime_ns == written
@@ -71,6 +75,20 @@ def test_a_run_that_goes_on_has_its_trials_again(file):
     metrics.truncate(run / "metrics.csv", 1024)
     assert swept(file, "--only", NAME) == 0
     assert "--held-out" in (run / "trials.csv").read_text()
+
+
+def test_other_trials_than_were_played_are_played(file, capsys):
+    swept(file, "--only", NAME)
+    run = Path("runs/beside") / NAME
+    starts = (run / "starts").read_text()
+    file.write_text(file.read_text().replace('"7"', '"9"'))
+    capsys.readouterr()
+    swept(file, "--dry-run", "--only", NAME)
+    said = capsys.readouterr().out
+    assert "--episodes 9 --csv" in said and "fake_train" not in said and "1 stopped" in said
+    assert swept(file, "--only", NAME) == 0
+    assert (run / "trials.csv").read_text().endswith("--held-out --episodes 9\n")
+    assert (run / "starts").read_text() == starts, "it was not trained again"
 
 
 def test_trials_that_fail_are_tried_again_and_then_listed(file, monkeypatch, capsys):

@@ -9,8 +9,10 @@ import os
 import re
 import shutil
 import socket
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TextIO
 
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import STOPPED, USAGE, UserError
@@ -25,6 +27,7 @@ COPIES = 3
 
 _STORAGE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """What is wrong with a disk; such errors of an open file name no file."""
+_TRIES, _BETWEEN_S = 10, 0.02
 _log = logging.getLogger(__name__)
 
 
@@ -128,7 +131,7 @@ def _locked(run: RunFolder) -> Iterator[None]:
     # The kernel frees the lock when its owner dies in any way, so a stale file is harmless.
     with run.lock.open("a+", encoding="utf-8") as lock:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(lock)
         except BlockingIOError:
             lock.seek(0)
             owner = lock.read().strip() or "another process"
@@ -140,6 +143,15 @@ def _locked(run: RunFolder) -> Iterator[None]:
         lock.write(f"process {os.getpid()} on {socket.gethostname()} since {now}")
         lock.flush()
         yield
+
+
+def _lock(file: TextIO) -> None:
+    """Locks a file; who only looks whether it is locked has it for an instant."""
+    for _ in range(_TRIES - 1):
+        with contextlib.suppress(BlockingIOError):
+            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        time.sleep(_BETWEEN_S)
+    return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _has_begun(run: RunFolder) -> bool:

@@ -67,7 +67,9 @@ def load(name: str, also: tuple[str, ...] = ()) -> Experiment:
         # The file is the user's: anything may be wrong in it.
         raise UserError(f"{path}: {type(error).__name__}: {error}; correct the file") from error
     lists, demos = found.get("CELLS"), found.get("DEMOS", {})
-    if not lists or not _are_words(lists):
+    if not lists:
+        raise UserError(f"{path}: defines no CELLS, expected a tuple of argument tuples; add it")
+    if not _are_words(lists):
         raise UserError(f"{path}: CELLS: got {lists!r}, expected a tuple of argument tuples")
     if not isinstance(demos, Mapping) or not _are_words(list(demos.values())):
         raise UserError(f"{path}: DEMOS: got {demos!r}, expected files and argument tuples")

@@ -16,7 +16,8 @@ from crsfd_jax.sweeps.cells import Cell
 GAVE_UP = "sweep: gave up"
 """Start of the last line in the log of a cell that failed."""
 
-Word = Literal["done", "running", "failed", "stopped", "new"]
+Word = Literal["done", "running", "failed", "stopped", "new", "other"]
+"""Other: its folder holds a run with other options."""
 
 
 class State(NamedTuple):
@@ -42,6 +43,8 @@ def read(out: Path, cell: Cell) -> State:
         return state._replace(word="running")
     if is_done(out, cell):
         return state._replace(word="done")
+    if _is_other(folder, cell.config):
+        return state._replace(word="other")
     last = tail(log, lines=1)
     if last and last[0].startswith(GAVE_UP):
         return state._replace(word="failed")
@@ -127,6 +130,14 @@ def _measured(folder: Path) -> State:
     last = table["env_steps"] == table["env_steps"].max()
     success = float(table["eval/success_rate"][last].mean())
     return State("new", int(table["env_steps"].max()), success, float(table["time/wall_s"].max()))
+
+
+def _is_other(folder: Path, config: Config) -> bool:
+    try:
+        begun = artefacts.begun(folder)
+    except UserError:
+        return False
+    return begun is not None and not _same_run(begun, config)
 
 
 def _same_run(found: Config, config: Config) -> bool:
