@@ -9,7 +9,7 @@ from PIL import Image
 from report_runs import cells_of, make_run, paper_like, played, rising, transfer_run
 
 from crsfd_jax import algorithms
-from crsfd_jax.config import ALGORITHMS, Config, Potential
+from crsfd_jax.config import ALGORITHMS, Config, Potential, Sac
 from crsfd_jax.curve import Curve
 from crsfd_jax.errors import UserError
 from crsfd_jax.options.randomisation import TRAINING, Randomisation
@@ -108,6 +108,67 @@ def test_other_options_make_a_variant_and_not_the_same_cell(tmp_path):
     assert list(pairing.index([plain, other])) == [("crsfd", Task("2", 0.0))]
 
 
+def test_methods_are_like_each_other_in_all_options_but_their_own(tmp_path):
+    # Most runs of CRSfD have another reward scale, most of all runs do not.
+    for seed, scale in ((0, 1.0), (5, 1.0), (10, 16.0)):
+        make_run(tmp_path / f"c{seed}", seed=seed, sac=Sac(reward_scale=scale))
+    for method in ("sacfd", "sqil"):
+        make_run(tmp_path / method, method)
+    make_run(tmp_path / "own", seed=15, potential=Potential(gamma=0.9))
+    variants = {cell.method + cell.variant: len(cell.seeds) for cell in cells_of(tmp_path)}
+    assert variants == {
+        "crsfd": 5,
+        "crsfdrewards times 1": 10,
+        "crsfdgamma_0 0.9": 5,
+        "sacfd": 5,
+        "sqil": 5,
+    }
+
+
+def test_other_options_have_other_words(tmp_path):
+    many = {"tau": 0.1, "learning_rate": 0.1, "gamma": 0.9, "batch_size": 64, "critics": 3}
+    for seed in (0, 5, 10, 15):
+        make_run(tmp_path / f"usual{seed}", seed=seed)
+    for name, critics in (("c", 3), ("d", 4)):
+        make_run(tmp_path / name, sac=Sac(**{**many, "critics": critics}))
+    make_run(tmp_path / "e", "sacfd", sac=Sac(**{**many, "critics": 4}))
+    found = {cell.runs[0].name: cell.variant for cell in cells_of(tmp_path)}
+    assert found["usual0"] == "" and found["c"].endswith(", ...") and found["d"] != found["c"]
+    assert found["e"] == found["d"]
+
+
+def test_another_grid_of_the_same_name_is_another_task(tmp_path):
+    for number, shape in enumerate(("my=##/##", "my=.#./###")):
+        make_run(tmp_path / f"c{number}", shape=shape, seed=5 * number)
+        make_run(tmp_path / f"s{number}", "sacfd", shape=shape, seed=5 * number)
+    found = cells_of(tmp_path)
+    assert len(found) == 4 and len({cell.task for cell in found}) == 2
+    assert {str(cell.task) for cell in found} == {"shape my, no shift"}
+    assert not any(cell.variant for cell in found)
+
+
+def test_unfinished_seeds_wait_while_there_are_finished_ones(tmp_path):
+    make_run(tmp_path / "a", values=rising(0))
+    make_run(tmp_path / "b", values=rising(0)[:2], seed=5)
+    (cell,), left_out = grouping.gather(runs.find([tmp_path]).runs)
+    assert cell.seeds.tolist() == [0, 1, 2, 3, 4] and summarise(cell).mean == 1
+    assert left_out == ["b: 200 of 1,000 steps, waits for its end: other seeds are there"]
+    make_run(tmp_path / "other", values=rising(0)[:4])
+    found = grouping.gather(runs.find([tmp_path / "other", tmp_path / "b"]).runs)[0]
+    # Both unfinished: summed up where all seeds stand.
+    assert len(found) == 1 and found[0].steps == 200
+    assert summarise(found[0]).mean == pytest.approx(rising(0)[1].mean(), abs=1e-6)
+    assert "stands at a mean success" in headline.sentences(found, [])[0]
+
+
+def test_seeds_that_only_partly_overlap_are_paired_in_their_order(tmp_path):
+    low = np.array([1.0, 1.0, 0.2, 0.2, 0.2])
+    make_run(tmp_path / "a", values=np.ones((10, 5)))
+    make_run(tmp_path / "b", "sacfd", values=np.ones((10, 5)) * low, seed=3)
+    found = compare([tuple(cells_of(tmp_path))])
+    assert found.final.value == pytest.approx(0.48) and found.final.low < 0.48
+
+
 def test_crsfd_with_a_part_switched_off_is_that_ablation(tmp_path):
     make_run(tmp_path / "a", potential=Potential(free_space_weight=0.0))
     make_run(tmp_path / "b", potential=Potential(gamma=Config().sac.gamma))
@@ -166,6 +227,20 @@ def test_the_policy_that_explores_is_compared_by_the_episodes_of_training(tmp_pa
     assert found.area == (0, 0, 0)
     # From 0 at the start to the level at 200 of 1000 steps.
     assert found.exploring == pytest.approx([0.25 * 0.9] * 3)
+
+
+def test_exploring_compares_whole_stretches_however_often_they_were_evaluated(tmp_path):
+    rate = np.linspace(0.1, 1.0, 10)
+    for name, method, every in (("a", "crsfd", 1), ("b", "sacfd", 5)):
+        table = make_run(tmp_path / name, method, every=every) / "metrics.csv"
+        head, *rows = table.read_text().splitlines()
+        told = []
+        for row in rows:
+            last = int(row.split(",")[0]) // 100
+            # Ten episodes in each 100 steps: the same learner, looked at more or less often.
+            told.append(f"{row},{rate[last - every : last].mean()},{10 * every}")
+        table.write_text("\n".join([head + ",train/success_rate,train/episodes", *told]) + "\n")
+    assert compare([tuple(cells_of(tmp_path))]).exploring == pytest.approx((0, 0, 0), abs=1e-6)
 
 
 def test_methods_without_episodes_of_training_are_not_compared_by_them(tmp_path):
