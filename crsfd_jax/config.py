@@ -43,7 +43,7 @@ ALGORITHMS = tuple(
 class Scene:
     """The parts and the arm's surroundings."""
 
-    clearance: Annotated[Length, Interval(0, 0.02, open="low")] = 1e-3
+    clearance: Annotated[Length, Interval(0, 0.005, open="low")] = 1e-3
     """Width of the hole minus width of the peg (both sides together)."""
     footprint: Annotated[Length, Interval(0.01, 0.08)] = 0.04
     """Side of the square that the digit fills."""

@@ -11,6 +11,7 @@ import pytest
 import script
 
 from crsfd_jax import evaluation, export, task
+from crsfd_jax.errors import UserError
 from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.storage import trained
 
@@ -128,6 +129,20 @@ def test_rotation_vectors_and_pose_matrices_are_inverse(loop):
         np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
         np.testing.assert_allclose(loop.rotation_vector(pose[:3, :3]), vector, atol=1e-8)
         np.testing.assert_array_equal(pose[:, 3], [0, 1, 2, 1])
+
+
+def test_what_is_no_exported_policy_is_refused(run, tmp_path):
+    play = imported("simulated_arm").main
+    for folder, content in ((tmp_path / "none", None), (tmp_path / "cut", '{"file"')):
+        if content:
+            folder.mkdir()
+            (folder / "policy.json").write_text(content)
+        with pytest.raises(UserError, match="holds no policy that can be read"):
+            play([str(folder), "1"])
+    pytest.importorskip("onnx")
+    export.run([str(run), "--format", "onnx", "--out", str(tmp_path / "onnx")])
+    with pytest.raises(UserError, match="--format npz"):
+        play([str(tmp_path / "onnx"), "1"])
 
 
 def test_the_loop_is_short_and_needs_numpy_only():

@@ -84,3 +84,27 @@ def test_another_action_scale_is_refused(few):
     other = dataclasses.replace(few.provenance, action_scale=scale)
     with pytest.raises(UserError, match=r"action scale .*0\.02"):
         replay.replay(dataclasses.replace(few, provenance=other), "native")
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"shape": "9"}, "provenance.shape: got '9'"),
+        ({"shape": "0,2"}, "provenance.shape: got 2 shapes, expected one"),
+        ({"clearance_m": 0.05}, "provenance.clearance_m: --scene.clearance: got 50mm"),
+        ({"clearance_m": -1e-3}, "provenance.clearance_m: --scene.clearance: got -1mm"),
+    ],
+)
+def test_a_peg_that_cannot_be_is_refused(few, changed, reason):
+    source = dataclasses.replace(few.provenance, **changed)
+    with pytest.raises(UserError) as error:
+        replay.replay(dataclasses.replace(few, provenance=source), "native")
+    assert reason in str(error.value) and "\n" not in str(error.value)
+
+
+def test_columns_in_another_unit_are_refused(few):
+    columns = [list(column) for column in few.provenance.obs_layout]
+    columns[3][1] = columns[3][1].replace("0.1", "5")
+    source = dataclasses.replace(few.provenance, obs_layout=columns)
+    with pytest.raises(UserError, match=r"hold joint_position_3 .*divided by 5.* where .*by 0.1"):
+        replay.replay(dataclasses.replace(few, provenance=source), "native")

@@ -13,6 +13,7 @@ from crsfd_jax.demos import builtin, dataset, record, recordable, replay
 from crsfd_jax.demos.options import Record
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import networks
+from crsfd_jax.options import validation
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.storage import trained
 
@@ -115,6 +116,12 @@ def test_recording_is_refused_where_a_replay_could_not_follow():
 
 def test_the_expert_learns_from_the_dense_reward_as_it_is():
     assert record.training_options(Record()).sac.reward_scale == 1.0
+
+
+def test_the_buffer_of_the_expert_holds_all_of_its_steps():
+    made = record.training_options(Record(steps=100_000))
+    assert made.replay.capacity == 100_032
+    validation.validate(made)
 
 
 @pytest.mark.parametrize(

@@ -139,9 +139,16 @@ def test_cells_are_squares_and_the_longer_side_has_the_footprint():
     assert ["".join(".#"[int(c)] for c in row) for row in drawn] == KEY.split()
 
 
-@pytest.mark.parametrize("shape", [INLINE, "block=#", "bar=#######", "ring=###/#.#/###"])
-def test_contact_spheres_of_any_grid_lie_in_their_solids(shape):
-    parts, radius = digits.solids(shape, 0.04, 1e-3), digits.CORNER_RADIUS
+@pytest.mark.parametrize(
+    ("shape", "footprint"),
+    [
+        *((shape, 0.04) for shape in (INLINE, "block=#", "bar=#######", "ring=###/#.#/###")),
+        ("1", 0.016),
+        ("plus=.#./###/.#.", 0.01),
+    ],
+)
+def test_contact_spheres_of_any_grid_lie_in_their_solids(shape, footprint):
+    parts, radius = digits.solids(shape, footprint, 1e-3), digits.CORNER_RADIUS
     angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
     circle = radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     for spheres, boxes in (

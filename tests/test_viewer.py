@@ -1,6 +1,7 @@
 """The browser viewer: what its controls do, what a person records, and the page itself."""
 
 import contextlib
+import dataclasses
 import threading
 
 import browser
@@ -16,6 +17,7 @@ from crsfd_jax.drawing import video
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import networks
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.viewer import hand, live, panel, potential_map, serve
 
@@ -85,6 +87,14 @@ def test_a_fresh_episode_has_the_shape_offset_and_friction_asked_for(loaded):
     assert {int(state.around.shape[0]) for state in states} == {loaded.scene.shapes.index("3")}
     assert {float(state.around.friction[0]) for state in states} == {np.float32(0.4)}
     assert 0.003 < np.abs(offsets).max() <= 0.004 and len(np.unique(offsets)) == 40
+
+
+def test_without_a_friction_of_its_own_an_episode_has_one_of_training():
+    arm = Randomisation(friction=(2.0, 2.5))
+    shown = live.make(dataclasses.replace(OPTIONS, randomisation=arm), None)
+    states = [shown.reset(live.task_of(shown, "2", 0.0), jax.random.key(i)) for i in range(5)]
+    drawn = {float(state.around.friction[0]) for state in states}
+    assert len(drawn) == 5 and min(drawn) >= 2.0 and max(drawn) <= 2.5
 
 
 def test_a_step_moves_the_arm_that_is_drawn(page):
@@ -263,6 +273,33 @@ def test_what_a_person_records_is_a_file_that_replays(page, tmp_path, monkeypatc
     played = replay.replay(demos, "native")
     np.testing.assert_array_equal(played.success, [True, False])
     assert played.deviation.max() < 1e-4
+
+
+def test_a_save_leaves_the_episode_that_goes_on_alone(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page.panel.shape.value = "1"
+    page.panel.asked.put(("recording", None))
+    step(page)
+    drive(page, [(0, 0, 0.02), (0, 0, -0.05)], 40)
+    step(page, 5)
+    page.panel.file.value = "mine.npz"
+    page.panel.asked.put(("save", None))
+    step(page, 2)
+    assert page.message == "1 episodes written to mine.npz"
+    page.panel.asked.put(("recording", None))
+    step(page)
+    demos = hand.demonstrations(page.tape.episodes, page.live.config, "1", 0.0, "")
+    assert demos.episode_length[1] > 5
+    np.testing.assert_array_equal(demos.obs[demos.episode_length[0]][7:14], 0, "starts at rest")
+
+
+def test_friction_and_driver_stay_while_a_person_records(page):
+    page.panel.asked.put(("recording", None))
+    step(page, 2)
+    page.panel.friction.value, page.panel.by_hand.value = 0.3, False
+    step(page)
+    assert page.panel.friction.value == 1.0 and page.panel.by_hand.value
+    assert float(page.state.around.friction[0]) == 1.0 and len(page.tape.steps) == 3
 
 
 @pytest.mark.parametrize("name", ["../x.npz", "/tmp/x.npz", "x.txt", "there.npz", "fresh.npz"])

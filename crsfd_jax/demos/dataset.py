@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crsfd_jax.demos.provenance import Provenance, from_json, to_json
+from crsfd_jax.demos.provenance import Provenance, from_json, obs_layout, to_json
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import CLIP
 from crsfd_jax.storage import npz
@@ -185,16 +185,23 @@ def _check_values(demos: Demonstrations) -> None:
 
 
 def check_units(demos: Demonstrations, action_scale: list[float], control_dt_s: float) -> None:
-    """Checks that actions mean in a task what they meant in the recording.
+    """Checks that observations and actions mean in a task what they meant in the recording.
 
     Raises:
-      UserError: they last or move otherwise.
+      UserError: they are other quantities, last or move otherwise.
     """
     source = demos.provenance
     if abs(source.control_dt_s - control_dt_s) > 1e-6:
         raise UserError(
             f"demonstrations were recorded with control steps of {source.control_dt_s:g} s, "
             f"expected {control_dt_s:g} s; record at that rate"
+        )
+    if source.obs_layout != obs_layout():
+        pairs = zip(source.obs_layout, obs_layout(), strict=False)
+        found, expected = next((one, other) for one, other in pairs if one != other)
+        raise UserError(
+            f"demonstrations hold {' '.join(found)} where {' '.join(expected)} is expected; "
+            "record with this package's observation"
         )
     if not np.allclose(source.action_scale, action_scale):
         raise UserError(

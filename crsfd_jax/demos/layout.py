@@ -8,10 +8,9 @@ import numpy as np
 
 from crsfd_jax import config
 from crsfd_jax.demos import dataset
-from crsfd_jax.demos.provenance import Provenance, from_json
+from crsfd_jax.demos.provenance import Provenance, check_scene, from_json
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
-from crsfd_jax.options import shapes
 from crsfd_jax.physics.interface import CONTROL_DT
 
 ENV_NAME = "crsfd/Insertion-v0"
@@ -111,10 +110,7 @@ def check_task(demos: dataset.Demonstrations) -> None:
       UserError: the demonstrations were recorded under other conditions than this task's.
     """
     dataset.check_units(demos, config.Mdp().action_scale, CONTROL_DT)
-    try:
-        shapes.read(demos.provenance.shape)
-    except ValueError as error:
-        raise UserError(f"provenance.shape: {error}") from None
+    check_scene(demos.provenance)
 
 
 def as_json(text: str, what: str) -> dict:

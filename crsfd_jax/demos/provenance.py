@@ -6,8 +6,10 @@ import typing
 from dataclasses import dataclass
 from typing import Any
 
+from crsfd_jax.config import Scene
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import OBSERVATION
+from crsfd_jax.options import limits, shapes, validation
 
 SCHEMA = 1
 
@@ -50,6 +52,26 @@ def obs_layout() -> list[list[str]]:
         for name, size, unit, scale in OBSERVATION
         for i in range(size)
     ]
+
+
+def check_scene(source: Provenance) -> None:
+    """Checks that the peg and the socket of a recording can be built.
+
+    Raises:
+      UserError: there is no such shape, there are several, or they are too far from each other.
+    """
+    try:
+        count = len(shapes.read(source.shape))
+        if count != 1:
+            raise ValueError(f"got {count} shapes, expected one")
+    except ValueError as error:
+        raise UserError(f"provenance.shape: {error}") from None
+    scene = Scene(clearance=source.clearance_m)
+    try:
+        limits.check_limits(scene, "--scene.")
+        validation.validate_parts(scene, source.shape)
+    except UserError as error:
+        raise UserError(f"provenance.clearance_m: {error}") from None
 
 
 def to_json(provenance: Provenance) -> str:

@@ -58,6 +58,7 @@ def train_expert(options: Record, report=lambda env_steps, success: None) -> Exp
 
 def training_options(options: Record) -> config.Config:
     """The expert learns without demonstrations; its buffer holds all of its experience."""
+    whole = -(-options.steps // options.envs)
     return config.Config(
         shape=options.shape,
         shift=0.0,
@@ -70,7 +71,7 @@ def training_options(options: Record) -> config.Config:
         scene=options.scene,
         mdp=options.mdp,
         sac=options.sac,
-        replay=dataclasses.replace(config.Replay(), capacity=options.steps),
+        replay=dataclasses.replace(config.Replay(), capacity=whole * options.envs),
         evaluation=config.Evaluation(every=80 * options.envs),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from crsfd_jax import config, task
 from crsfd_jax.demos.dataset import Demonstrations, check_units, episode_success
+from crsfd_jax.demos.provenance import check_scene
 from crsfd_jax.env import Env, EnvState
 from crsfd_jax.observation import POSE_SCALE, TIP_POSE
 from crsfd_jax.physics.interface import CONTROL_DT
@@ -29,7 +30,8 @@ def replay(demos: Demonstrations, engine: str = "auto") -> Replayed:
     """Plays every episode from its recorded start with its recorded actions.
 
     Raises:
-      UserError: the file was recorded for another control step or action scale.
+      UserError: the file was recorded for another control step or action scale, or with a peg
+        that there cannot be.
     """
     options = _options(demos, engine)
     env = task.make_env(options)
@@ -47,6 +49,7 @@ def replay(demos: Demonstrations, engine: str = "auto") -> Replayed:
 def _options(demos: Demonstrations, engine: str) -> config.Config:
     source, mdp = demos.provenance, config.Mdp()
     check_units(demos, mdp.action_scale, CONTROL_DT)
+    check_scene(source)
     parts = dataclasses.replace(config.Scene(), clearance=source.clearance_m)
     horizon = max(mdp.horizon, int(demos.episode_length.max()))
     return config.Config(

@@ -19,12 +19,13 @@ class Randomisation:
 
     friction: Factors = (1.0, 1.0)
     """Factor on --scene.friction."""
-    socket_yaw: Annotated[tuple[float, ...], Interval(-0.3, 0.3), Ranges()] = (0.0, 0.0)
-    """Rotation of the socket about the vertical that the arm does not know of, rad."""
+    socket_yaw: Annotated[tuple[float, ...], Interval(-0.15, 0.15), Ranges()] = (0.0, 0.0)
+    """Rotation of the socket about the vertical that the arm does not know of, rad; setpoints turn
+    as far."""
     stiffness: Factors = (1.0, 1.0)
     """Factor on the stiffness of the impedance controller."""
-    damping: Factors = (1.0, 1.0)
-    """Factor on its damping."""
+    damping: Annotated[tuple[float, ...], Interval(0, 3, open="low"), Ranges()] = (1.0, 1.0)
+    """Factor on its damping; from 4 on the physics steps are too long for it."""
     delay: Fraction = 0.0
     """Share of episodes in which every setpoint takes effect one control step late."""
     encoder_offset: Annotated[tuple[float, ...], Interval(-0.1, 0.1), Ranges()] = (0.0, 0.0)

@@ -175,8 +175,10 @@ def _socket_rims(cells, edges):
             continue
         alone_x = not corners.get((i + sx, j), (0, 0, False))[2]
         alone_y = not corners.get((i, j + sy), (0, 0, False))[2]
-        along_x = _RIM_INSET if alone_x else pitch / 2
-        along_y = _RIM_INSET if alone_y else pitch / 2
+        # A wall of one cell may end at a reentrant vertex, past which it must not reach.
+        longest = min(_RIM_INSET, pitch - r)
+        along_x = longest if alone_x else pitch / 2
+        along_y = longest if alone_y else pitch / 2
         rims.add((x - sx * r, y + sy * along_y, -r))
         rims.add((x + sx * along_x, y - sy * r, -r))
     return np.unique(np.round(sorted(rims), 9), axis=0)

@@ -63,7 +63,7 @@ def record(
     Raises:
       UserError: no OpenGL works on this machine.
     """
-    model = model_of(loaded.scene, loaded.scene.shapes.index(wanted.shape), wanted.friction)
+    model = model_of(loaded.scene, loaded.scene.shapes.index(wanted.shape))
     model.vis.quality.shadowsize = look.shadow
     data, frames, inserted = mujoco.MjData(model), [], 0
     with picture.camera_of(model, CAMERA, look.width, look.height) as draw:

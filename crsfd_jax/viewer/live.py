@@ -28,7 +28,8 @@ class Task(NamedTuple):
     shape: str
     shift: float
     """m, side of the square of socket offsets."""
-    friction: float
+    friction: float | None = None
+    """None for what an episode of training would draw."""
 
 
 class Step(NamedTuple):
@@ -80,7 +81,7 @@ def task_of(loaded: Live, shape: str | None, shift: float | None) -> Task:
         known = ", ".join(name.partition("=")[0] for name in loaded.scene.shapes)
         raise UserError(f"--shape: got {shown!r}, allowed for this run: {known}; choose one")
     side = options.shift if shift is None else shift
-    return Task(shown, side, options.scene.friction)
+    return Task(shown, side)
 
 
 def make(options: config.Config, actors: Any) -> Live:
@@ -107,7 +108,8 @@ def make(options: config.Config, actors: Any) -> Live:
             shape=jnp.full(1, scene.shapes.index(wanted.shape), jnp.int32),
             socket_offset=jax.random.uniform(offset_key, (1, 2), minval=-half, maxval=half),
         )
-        return change_friction(state.replace(around=around), wanted.friction)
+        state = state.replace(around=around)
+        return state if wanted.friction is None else change_friction(state, wanted.friction)
 
     @jax.jit
     def act(actors: Any, row: int, state: EnvState) -> jax.Array:

@@ -53,7 +53,8 @@ def make(server: Any, live: Live, start: Task) -> Panel:
     with gui.add_folder("Task"):
         shapes = gui.add_dropdown("shape", live.scene.shapes, initial_value=start.shape)
         shift = gui.add_slider("shift, mm", 0.0, LARGEST_SHIFT, 0.1, start.shift * 1e3)
-        friction = gui.add_slider("friction", 0.1, 3.0, 0.05, start.friction)
+        usual = options.scene.friction
+        friction = gui.add_slider("friction", min(0.1, usual), max(3.0, usual), 0.05, usual)
     with gui.add_folder("Policy"):
         seeds = [str(options.seed + i) for i in range(options.seeds)]
         seed = gui.add_dropdown("seed", seeds, initial_value=seeds[0])

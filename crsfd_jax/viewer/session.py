@@ -76,11 +76,13 @@ def step(session: Session, sleep: Sleep = time.sleep) -> None:
 
 
 def _apply_task(session: Session) -> None:
+    if session.tape.is_running:
+        _hold_recording(session)
     wanted, old = panel.task(session.panel), session.task
     if wanted == old:
         return
     session.task = wanted
-    session.state = session.live.change_friction(session.state, wanted.friction)
+    session.state = session.live.change_friction(session.state, session.panel.friction.value)
     if wanted.shape != old.shape:
         drawing.show_shape(session.drawing, wanted.shape)
     if wanted != old._replace(friction=wanted.friction):
@@ -178,15 +180,20 @@ def _on_recording(session: Session, _: Any) -> None:
     if not tape.is_running:
         tape.cut()
         return
-    controls.by_hand.value, controls.paused.value = True, False
-    # A replay knows of no other friction than the scene's own.
-    controls.friction.value = session.live.config.scene.friction
+    controls.paused.value = False
+    _hold_recording(session)
     session.task = panel.task(controls)
     _begin(session)
 
 
+def _hold_recording(session: Session) -> None:
+    """A person drives, and a replay knows of no other friction than the scene's own."""
+    session.panel.by_hand.value = True
+    session.panel.friction.value = session.live.config.scene.friction
+
+
 def _on_save(session: Session, _: Any) -> None:
-    session.tape.cut()
+    # The episode that goes on is not whole yet: it waits for its end.
     session.message = session.tape.save(
         session.panel.file.value, session.live.config, session.task.shape, session.task.shift
     )

@@ -86,9 +86,13 @@ def main(argv: list[str]) -> None:
     """
     options = cli.parse(Trials, argv)
     folder, episodes = options.folder, options.episodes
-    if not (folder / "policy.json").is_file():
-        raise UserError(f"{folder}: holds no policy.json, expected what crsfd_jax.export wrote")
-    contract, layers = control_loop.load(folder)
+    try:
+        contract, layers = control_loop.load(folder)
+    except (OSError, ValueError, KeyError) as error:
+        raise UserError(
+            f"{folder}: holds no policy that can be read ({error}); write it with "
+            "crsfd_jax.export --format npz"
+        ) from None
     arm = SimulatedArm(contract)
     successes, wrong = 0, 0
     for seed in range(episodes):
