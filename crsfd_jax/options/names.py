@@ -11,7 +11,7 @@ def show(value: Any, between: str = " ") -> str:
     """A value as the command line takes it; several are joined by `between`."""
     if isinstance(value, tuple):
         return between.join(show(part) for part in value)
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
 def by_full_name(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
