@@ -1,6 +1,5 @@
 """Cells as the tasks of a SLURM job array, through submitit."""
 
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -82,7 +81,7 @@ def run(
         name="crsfd_jax",
         timeout_min=slurm.minutes,
         cpus_per_task=slurm.cores,
-        gpus_per_node=math.ceil(gpus),
+        gpus_per_node=int(gpus),
         slurm_array_parallelism=workers,
         **asked,
     )
