@@ -8,7 +8,7 @@ import numpy as np
 
 from crsfd_jax import evaluation, task
 from crsfd_jax.config import Config
-from crsfd_jax.intervals import wilson_interval
+from crsfd_jax.intervals import rate_interval
 from crsfd_jax.options import shapes
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.storage import trained, trials
@@ -35,10 +35,9 @@ def report(
     chosen = [known.index(shape) for shape in shapes.read(config.shape)]
     print(_describe(config))
     for i in range(config.seeds):
-        print(f"seed {config.seed + i:<8d} {_line(success[i], length[i])}")
+        print(f"seed {config.seed + i:<8d} {_line(success[i : i + 1], length[i : i + 1])}")
     for shape in (s for s in chosen if len(chosen) > 1 and (row == s).any()):
-        at = row == shape
-        print(f"shape {shapes.label(known[shape]):<7s} {_line(success[at], length[at])}")
+        print(f"shape {shapes.label(known[shape]):<7s} {_line(success, length, row == shape)}")
     print(f"all           {_line(success, length)}")
     if table:
         rows = [
@@ -72,9 +71,12 @@ def _describe(config: Config) -> str:
     return ", ".join([what, *drawn, "deterministic policy"])
 
 
-def _line(success: np.ndarray, length: np.ndarray) -> str:
-    low, high = wilson_interval(int(success.sum()), success.size)
+def _line(success: np.ndarray, length: np.ndarray, where: np.ndarray | bool = True) -> str:
+    """What episodes [S, E] of seeds came to, of those at `where`."""
+    counted = np.broadcast_to(where, success.shape)
+    won, trials = (success & counted).sum(axis=1), counted.sum(axis=1)
+    low, high = rate_interval(won, trials)
     return (
-        f"success {success.mean():.3f}, 95 % interval {low:.3f} to {high:.3f} "
-        f"({success.sum()} of {success.size}), {length.mean():.1f} steps on average"
+        f"success {won.sum() / trials.sum():.3f}, 95 % interval {low:.3f} to {high:.3f} "
+        f"({won.sum()} of {trials.sum()}), {length[counted].mean():.1f} steps on average"
     )

@@ -9,7 +9,7 @@ from scipy.stats import binomtest
 
 from crsfd_jax.curve import curve, mean_and_std
 from crsfd_jax.drawing.learning_curve import plot
-from crsfd_jax.intervals import wilson_interval
+from crsfd_jax.intervals import rate_interval, wilson_interval
 from crsfd_jax.storage import metrics
 
 
@@ -73,3 +73,13 @@ def test_a_picture_of_a_run_has_a_panel_for_evaluation_and_one_for_training(tmp_
     for left in (0, picture.width // 2):
         half = picture.crop((left, 0, left + picture.width // 2, picture.height))
         assert len(half.convert("RGB").getcolors(1 << 20)) > 20
+
+
+def test_the_interval_of_several_policies_is_the_wider_one_of_trials_and_of_seeds():
+    trials = np.full(5, 100)
+    assert rate_interval(trials, trials) == pytest.approx(wilson_interval(500, 500))
+    # t(4) at 0.975 is 2.776, the deviation of the five rates 0.1581.
+    apart = rate_interval([60, 70, 80, 90, 100], trials)
+    assert apart == pytest.approx((0.8 - 0.1963, 0.8 + 0.1963), abs=1e-4)
+    assert rate_interval([8], [10]) == wilson_interval(8, 10)
+    assert rate_interval([8, 0], [10, 0]) == wilson_interval(8, 10)

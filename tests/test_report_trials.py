@@ -2,14 +2,12 @@
 
 import shutil
 
-import numpy as np
 import pytest
 from report_runs import cells_of, make_run, played, transfer_run
 
 from crsfd_jax.errors import UserError
-from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.options.randomisation import Randomisation
-from crsfd_jax.report import evidence, statistics, tables, transfer, trial_sections, trials
+from crsfd_jax.report import evidence, tables, transfer, trial_sections, trials
 from crsfd_jax.report.cells import Task
 from crsfd_jax.report.evidence import HOLDS, OPEN
 from crsfd_jax.storage import trials as table
@@ -129,16 +127,6 @@ def test_trials_on_the_task_of_training_are_told_by_shape_and_in_all(tmp_path):
     assert everything.seeds.tolist() == [0, 1] and everything.trials.tolist() == [11, 9]
     assert found[0].cell.task == Task("0-2", 8.0)
     assert "16 of 20" in trial_sections.own(found) and trial_sections.own([]) == ""
-
-
-def test_the_interval_of_a_rate_is_the_wider_one_of_trials_and_of_seeds():
-    trial, rate = np.full(5, 100), statistics.rate_interval
-    assert rate(trial, trial).low == pytest.approx(wilson_interval(500, 500)[0])
-    assert rate(trial, trial).high == 1
-    apart = np.array([60, 70, 80, 90, 100])
-    # t(4) at 0.975 is 2.776, the deviation of the five rates 0.1581.
-    assert rate(apart, trial) == pytest.approx((0.8, 0.8 - 0.1963, 0.8 + 0.1963), abs=1e-4)
-    assert rate(np.array([8]), np.array([10]))[1:] == pytest.approx(wilson_interval(8, 10))
 
 
 def test_the_mean_over_shapes_takes_seeds_as_what_was_sampled(tmp_path):

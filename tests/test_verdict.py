@@ -3,7 +3,7 @@
 import pytest
 
 from crsfd_jax.config import Config, Evaluation
-from crsfd_jax.intervals import wilson_interval
+from crsfd_jax.intervals import rate_interval
 from crsfd_jax.training.verdict import judge
 
 
@@ -13,7 +13,7 @@ def config(**changes) -> Config:
 
 def test_all_episodes_of_all_seeds_are_one_rate_with_its_interval():
     line, code = judge(config(), [1.0, 0.9, 0.94, 0.5], {}, 61.2)
-    low, high = wilson_interval(167, 200)
+    low, high = rate_interval([50, 45, 47, 25], [50] * 4)
     assert line == (
         f"final success 0.835, 95 % interval {low:.3f} to {high:.3f} "
         "(167 of 200 episodes, 4 seeds), 61 s"

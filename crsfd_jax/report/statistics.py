@@ -15,8 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from crsfd_jax.intervals import wilson_interval
-
 RESAMPLES = 10_000
 LAST_SHARE = 0.1
 """The final success is the mean over the evaluations in this last share of the steps."""
@@ -104,20 +102,6 @@ def weighted_interval(
 def mean_interval(tasks: Sequence[np.ndarray], seeds: Sequence[np.ndarray]) -> Estimate:
     """Mean over tasks of the mean of the scores of each; tasks weigh the same."""
     return weighted_interval(tasks, seeds, [1 / len(tasks)] * len(tasks))
-
-
-def rate_interval(successes: np.ndarray, trials: np.ndarray) -> Estimate:
-    """Success rate of the policies [S] of several seeds in so many trials each.
-
-    The ends are the outer ones of Wilson's interval of all trials, and of Student's t over seeds
-    where there are several: policies differ, and trials are few.
-    """
-    rate = successes.sum() / trials.sum()
-    low, high = wilson_interval(int(successes.sum()), int(trials.sum()))
-    if len(trials) > 1:
-        over_seeds = mean_interval([successes / trials], [np.arange(len(trials))])
-        low, high = min(low, over_seeds.low), max(high, over_seeds.high)
-    return Estimate(float(rate), max(0.0, low), min(1.0, high))
 
 
 def improvement(ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray]) -> Estimate:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from crsfd_jax.errors import UserError
+from crsfd_jax.intervals import rate_interval
 from crsfd_jax.options.randomisation import TRAINING, Randomisation
 from crsfd_jax.report import statistics
 from crsfd_jax.report.cells import Cell
@@ -40,7 +41,8 @@ class Trials(NamedTuple):
     @property
     def rate(self) -> Estimate:
         """Success rate of all seeds."""
-        return statistics.rate_interval(self.successes, self.trials)
+        rate = float(self.successes.sum() / self.trials.sum())
+        return Estimate(rate, *rate_interval(self.successes, self.trials))
 
     @property
     def drawn(self) -> Randomisation:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from crsfd_jax.config import Config
 from crsfd_jax.errors import DONE, MISSED
-from crsfd_jax.intervals import wilson_interval
+from crsfd_jax.intervals import rate_interval
 
 
 class Verdict(NamedTuple):
@@ -29,9 +29,10 @@ def judge(
     lost = ", ".join(f"seed {seed} diverged at {diverged[seed]:,} steps" for seed in diverged)
     if not counted:
         return Verdict(f"final success unknown: no seed counts ({lost}), {wall_s:.0f} s", MISSED)
-    trials = config.evaluation.episodes * len(counted)
-    successes = round(sum(counted) * config.evaluation.episodes)
-    low, high = wilson_interval(successes, trials)
+    episodes = config.evaluation.episodes
+    each = [round(rate * episodes) for rate in counted]
+    trials, successes = episodes * len(counted), sum(each)
+    low, high = rate_interval(each, [episodes] * len(each))
     who = f"{len(counted)} of {config.seeds} seeds, {lost}" if lost else f"{config.seeds} seeds"
     line = (
         f"final success {successes / trials:.3f}, 95 % interval {low:.3f} to {high:.3f} "
