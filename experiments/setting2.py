@@ -2,7 +2,8 @@
 
 Hypothesis (Guo et al. 2022, figure 3): equal on shape 0 with 4 mm, and the further from the
 demonstrated task, the more CRSfD is ahead. Five seeds where the paper has three; five more, and
-CRSfD with the potential of the nominal place alone, where the task is furthest away.
+CRSfD with the potential of the nominal place alone, and both with a larger discount, where the
+task is furthest away.
 """
 
 from crsfd_jax.sweeps.grid import axis, grid, methods
@@ -14,4 +15,5 @@ CELLS = (
     ),
     *grid(*FURTHEST, methods("crsfd", "sacfd"), axis("--seed", "5")),
     *grid(*FURTHEST, methods("crsfd"), axis("--potential.spread", "0mm")),
+    *grid(*FURTHEST, methods("crsfd", "sacfd"), axis("--sac.gamma", "0.99")),
 )

@@ -24,7 +24,7 @@ _LEVELS = np.linspace(0, 1, 21)
 
 
 def draw_of(cells: Sequence[Cell], path: Path) -> str:
-    """Draws the potential of the CRSfD runs among cells, or that of the default options.
+    """Draws the potential of CRSfD's usual runs among cells, or of any, or of default options.
 
     Returns:
       What the picture shows, in words.
@@ -32,8 +32,8 @@ def draw_of(cells: Sequence[Cell], path: Path) -> str:
     Raises:
       UserError: their demonstrations cannot be used.
     """
-    ours = (c.runs[0].manifest.config for c in cells if c.method == "crsfd" and not c.variant)
-    config = next(ours, Config())
+    ours = sorted((c for c in cells if c.method == "crsfd"), key=lambda c: bool(c.variant))
+    config = ours[0].runs[0].manifest.config if ours else Config()
     draw(*shown_potential.fit(config), path)
     return (
         "The potential that shapes the rewards, fitted as in training with a shift of "
