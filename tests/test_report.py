@@ -129,9 +129,9 @@ def test_other_options_have_other_words(tmp_path):
     many = {"tau": 0.1, "learning_rate": 0.1, "gamma": 0.9, "batch_size": 64, "critics": 3}
     for seed in (0, 5, 10, 15):
         make_run(tmp_path / f"usual{seed}", seed=seed)
-    for name, critics in (("c", 3), ("d", 4)):
-        make_run(tmp_path / name, sac=Sac(**{**many, "critics": critics}))
-    make_run(tmp_path / "e", "sacfd", sac=Sac(**{**many, "critics": 4}))
+    for name, tau in (("c", 0.1), ("d", 0.2)):
+        make_run(tmp_path / name, sac=Sac(**{**many, "tau": tau}))
+    make_run(tmp_path / "e", "sacfd", sac=Sac(**{**many, "tau": 0.2}))
     found = {cell.runs[0].name: cell.variant for cell in cells_of(tmp_path)}
     assert found["usual0"] == "" and found["c"].endswith(", ...") and found["d"] != found["c"]
     assert found["e"] == found["d"]
