@@ -1,6 +1,5 @@
 """`python -m crsfd_jax.evaluate RUN`: success of a trained policy, on any task."""
 
-import dataclasses
 from pathlib import Path
 
 from crsfd_jax import cli
@@ -16,10 +15,7 @@ def task_of(argv: list[str]) -> tuple[Evaluate, Config, str]:
     Raises:
       UserError: there is no such run, or an option cannot be used.
     """
-    given, asked = trials.read(argv, artefacts.read_config)
-    own = artefacts.read_config(given.run)
-    names = ("shape", "shift", "randomisation", "engine")
-    task = dataclasses.replace(own, **{name: getattr(given, name) for name in names})
+    given, task, asked = trials.read(argv, artefacts.read_config)
     validation.validate(task)
     if given.csv:
         files.reserve(given.csv, "--csv")

@@ -17,6 +17,8 @@ from crsfd_jax.options.randomisation import HELD_OUT, Randomisation
 
 _NOT_PLAYED = ("run", "csv", "engine")
 """Options that say where from, where to and how."""
+_OF_RUNS = ("shape", "shift", "randomisation", "engine")
+"""Options that runs have as well."""
 
 
 @dataclass(frozen=True)
@@ -45,14 +47,15 @@ class Evaluate:
     """New file for a table of trials and successes of each seed and shape; none if empty."""
 
 
-def read(argv: Sequence[str], config_of: Callable[[str], Config]) -> tuple[Evaluate, str]:
+def read(argv: Sequence[str], config_of: Callable[[str], Config]) -> tuple[Evaluate, Config, str]:
     """Reads a command line; what it leaves out is as in the run.
 
     Args:
       config_of: the options of a run, by its folder.
 
     Returns:
-      The options, and in words those that differ from the run's and from the defaults.
+      The options, the run's own with them in their place, and in words those that differ from the
+      run's and from the defaults.
 
     Raises:
       UserError: the line cannot be used.
@@ -62,7 +65,8 @@ def read(argv: Sequence[str], config_of: Callable[[str], Config]) -> tuple[Evalu
     arm = HELD_OUT if first.held_out else own.randomisation
     default = Evaluate(run=first.run, shape=own.shape, shift=own.shift, randomisation=arm)
     given = cli.parse(Evaluate, argv, default)
-    return given, _in_words(given, default)
+    task = dataclasses.replace(own, **{name: getattr(given, name) for name in _OF_RUNS})
+    return given, task, _in_words(given, default)
 
 
 def _in_words(given: Evaluate, usual: Evaluate) -> str:

@@ -70,7 +70,7 @@ class Scores(NamedTuple):
 
 def summarise(cell: Cell) -> Summary:
     """The numbers of a cell over the steps that all its seeds have made."""
-    curve = _at(common_steps(cell, cell), cell.curve) if cell.interacts else cell.curve
+    curve = _over(common_steps(cell, cell), cell)
     last = statistics.final(*curve)
     each = [statistics.settled_at(curve.env_steps, seed, LEVEL) for seed in curve.values.T]
     return Summary(
@@ -95,7 +95,7 @@ def scores(ours: Cell, theirs: Cell) -> Scores | None:
     steps = common_steps(ours, theirs)
     if not len(steps):
         return None
-    kept = [_at(steps, cell.curve) if cell.interacts else cell.curve for cell in (ours, theirs)]
+    kept = [_over(steps, cell) for cell in (ours, theirs)]
     final = [statistics.final(*curve) for curve in kept]
     area = [statistics.area(*curve) for curve in kept]
     exploring = [statistics.area(*_explored(steps, cell)) for cell in (ours, theirs)]
@@ -132,6 +132,11 @@ def compare(pairs: Sequence[tuple[Cell, Cell]]) -> Comparison | None:
         better_final=statistics.improvement(*zip(*(task.final for task in each), strict=True)),
         better_area=statistics.improvement(*zip(*(task.area for task in each), strict=True)),
     )
+
+
+def _over(steps: np.ndarray, cell: Cell) -> Curve:
+    """Success at these steps; of a method that does not interact, its one level."""
+    return _at(steps, cell.curve) if cell.interacts else cell.curve
 
 
 def _at(steps: np.ndarray, curve: Curve) -> Curve:

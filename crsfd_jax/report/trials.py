@@ -69,13 +69,13 @@ def find(roots: Sequence[str | Path], cells: Sequence[Cell]) -> tuple[list[Trial
       that is not used.
     """
     owners = {run.described.resolve(): cell for cell in cells for run in cell.runs}
-    largest: dict[tuple[Path | None, bool], list[Row]] = {}
+    largest: dict[tuple[Path, bool], list[Row]] = {}
     skipped = []
     for path in sorted({path.resolve() for root in roots for path in Path(root).rglob("*.csv")}):
         try:
             if rows := table.read(path):
                 run, held_out = _described(path), _is_held_out(path, rows)
-                if run not in owners:
+                if run is None or run not in owners:
                     raise UserError(f"{path}: trials of no run that is shown")
                 others = largest.get((run, held_out), [])
                 largest[run, held_out] = max(others, rows, key=lambda r: sum(x.trials for x in r))
@@ -131,14 +131,13 @@ def _described(path: Path) -> Path | None:
 
 
 def _summed(
-    largest: Mapping[tuple[Path | None, bool], Sequence[Row]], owners: Mapping[Path, Cell]
+    largest: Mapping[tuple[Path, bool], Sequence[Row]], owners: Mapping[Path, Cell]
 ) -> list[Trials]:
     """The rows of all runs of a cell, put together by shape."""
     rows_of: dict[tuple[int, str, bool], list[Row]] = {}
     cell_of = {id(cell): cell for cell in owners.values()}
     for (run, held_out), rows in largest.items():
         for row in rows:
-            assert run is not None
             rows_of.setdefault((id(owners[run]), row.shape, held_out), []).append(row)
     return [
         Trials(

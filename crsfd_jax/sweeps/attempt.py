@@ -67,10 +67,7 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
             log = stack.enter_context(state.claimed(state.log_path(plan.out, cell)))
             if log is not None and not _is_held(cell, plan):
                 logs[cell] = log
-                if not (
-                    state.is_finished(plan.out / cell.name, cell.config)
-                    and state.has_trials(plan.out, cell)
-                ):
+                if not state.is_done(plan.out, cell):
                     # Trials of a run that now goes on are not those of its policy; nor may there
                     # be others than those that are asked for.
                     run_folder.at(plan.out / cell.name).trials.unlink(missing_ok=True)

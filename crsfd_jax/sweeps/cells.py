@@ -102,7 +102,7 @@ def _cell(path: Path, number: int, given: Sequence[Any], trials: tuple[str, ...]
     try:
         arguments = tuple(map(str, given))
         config = cli.parse(Config, arguments)
-        asked = read_trials(("RUN", *trials), lambda _: config)[1] if trials else ""
+        asked = read_trials(("RUN", *trials), lambda _: config)[-1] if trials else ""
     except UserError as error:
         raise UserError(f"{path}: cell {number}: {error}") from error
     if config.out:
