@@ -12,6 +12,8 @@ from crsfd_jax.intervals import rate_interval
 from crsfd_jax.options import shapes
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.storage import trained, trials
+from crsfd_jax.storage.trained import Trained
+from crsfd_jax.training import divergence
 
 
 def report(
@@ -29,13 +31,16 @@ def report(
     Raises:
       UserError: the folder holds no policies of these options, or the file cannot be written.
     """
-    played = _play(run, config, episodes, seed)
+    policies = trained.load(run)
+    lost = divergence.find(policies.actors, {})
+    played = _play(policies, config, episodes, seed)
     success, length = np.asarray(played.success), np.asarray(played.length)
     row, known = np.asarray(played.shape), task.shapes_known(config)
     chosen = [known.index(shape) for shape in shapes.read(config.shape)]
     print(_describe(config))
     for i in range(config.seeds):
-        print(f"seed {config.seed + i:<8d} {_line(success[i : i + 1], length[i : i + 1])}")
+        line = _line(success[i : i + 1], length[i : i + 1])
+        print(f"seed {config.seed + i:<8d} {line}{', diverged in training' * (i in lost)}")
     for shape in (s for s in chosen if len(chosen) > 1 and (row == s).any()):
         print(f"shape {shapes.label(known[shape]):<7s} {_line(success, length, row == shape)}")
     print(f"all           {_line(success, length)}")
@@ -49,9 +54,8 @@ def report(
         trials.write(Path(table), rows, "--csv")
 
 
-def _play(run: Path, config: Config, episodes: int, seed: int) -> evaluation.Episodes:
+def _play(policies: Trained, config: Config, episodes: int, seed: int) -> evaluation.Episodes:
     env = task.make_env(config)
-    policies = trained.load(run)
     keys = jax.random.split(jax.random.key(seed), config.seeds)
 
     def play(actor, key):

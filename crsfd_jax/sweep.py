@@ -19,6 +19,7 @@ from crsfd_jax.options.limits import Interval
 from crsfd_jax.options.together import likeness
 from crsfd_jax.progress import say
 from crsfd_jax.storage import artefacts, run_folder
+from crsfd_jax.storage.files import output
 from crsfd_jax.sweeps import (
     attempt,
     cells,
@@ -104,6 +105,8 @@ def run(argv: list[str], command: Sequence[str] = attempt.TRAIN) -> int:
             say(shlex.join(command))
         _show(chosen, plan, options.together)
         return DONE
+    with output(options.out or plan.out):
+        plan.out.mkdir(parents=True, exist_ok=True)
     demonstrations.make(experiment, unfinished)
     return _work(chosen, plan, _runner(options, plan), options.together)
 
@@ -121,8 +124,8 @@ def _refuse_idle(options: Sweep) -> None:
         )
     if options.slurm != Slurm() and options.runner != "slurm":
         raise UserError(
-            f"--slurm: got {options.slurm} with --runner {options.runner}, allowed with slurm; "
-            "leave it out, or choose that runner"
+            f"--slurm: got options of it with --runner {options.runner}, allowed with slurm; leave "
+            "them out, or choose that runner"
         )
     if options.status and options.dry_run:
         raise UserError("--status: got --dry-run as well, allowed: one of them; leave one out")

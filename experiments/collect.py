@@ -31,8 +31,11 @@ def collect(run: RunFolder) -> Path:
     )
     manifest.write(folder / f"{name}.json", told._replace(config=config, command=()))
     shutil.copyfile(run.metrics, folder / f"{name}.csv")
+    trials = folder / f"{name}-{run.trials.name}"
     if run.trials.exists():
-        shutil.copyfile(run.trials, folder / f"{name}-{run.trials.name}")
+        shutil.copyfile(run.trials, trials)
+    else:
+        trials.unlink(missing_ok=True)  # Those of a policy that this run no longer has.
     return folder / f"{name}.csv"
 
 
@@ -40,10 +43,8 @@ def collect(run: RunFolder) -> Path:
 class Collect:
     """Copies the tables and options of runs to experiments/results/."""
 
-    folder: tyro.conf.Positional[Path]
-    """Folder of a run, or with runs in it."""
-    others: tyro.conf.Positional[tuple[Path, ...]] = ()
-    """More of them."""
+    runs: tyro.conf.Positional[tuple[Path, ...]]
+    """Folders of runs, or with runs in them."""
 
 
 def main(argv: list[str]) -> None:
@@ -53,7 +54,7 @@ def main(argv: list[str]) -> None:
       UserError: a folder holds none.
     """
     options = cli.parse(Collect, argv)
-    for folder in (options.folder, *options.others):
+    for folder in options.runs:
         found = sorted(folder.rglob("config.json"))
         if not found:
             raise UserError(f"{folder}: no run in it; give the folder of a run or one with runs")

@@ -83,5 +83,8 @@ def paper_like(folder):
             make_run(folder / f"c{place}", "crsfd", shape, shift, rising(0))
             values = rising(late, 1.0 if late == 5 else 0.9)
             make_run(folder / f"s{place}", "sacfd", shape, shift, values)
+    for method in set(BASELINES) - {"sacfd"}:
+        make_run(folder / f"{method}far", method, "2", 8, rising(500, 0.2))
     for arm in ARMS:
-        make_run(folder / arm, arm, "3", values=rising(300))
+        for shape in "1234":
+            make_run(folder / f"{arm}{shape}", arm, shape, values=rising(300))

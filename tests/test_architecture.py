@@ -12,8 +12,8 @@ ORDER = tuple(
     """
     errors extras types intervals
     storage.files storage.npz options.units options.names options.limits options.shapes
-    options.field_types options.randomisation config options.smoke options.validation cli
-    options.keywords options.run_name options.together options.trials
+    options.field_types options.randomisation config options.smoke options.schedule
+    options.validation cli options.keywords options.run_name options.together options.trials
     interrupt compile_cache progress
     storage.leaves storage.metrics training.troubles curve
     storage.run_folder storage.manifest storage.trials storage.loggers storage.policy

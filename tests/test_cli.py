@@ -62,7 +62,7 @@ BAD = {
     "--seed -1": "--seed: got -1",
     "--steps -5": "--steps: got -5",
     "--steps 1e5": "--steps: got '1e5', allowed: a whole number",
-    "--steps 2000": "--sac.warmup-steps: got 2000, allowed: below --steps (2000)",
+    "--steps 2000": "--sac.warmup-steps: got 2000, allowed: at most 1984 of the 2048 that 2000",
     "--algorithm foo": "--algorithm: got 'foo', allowed: bc, crsfd, crsfd_no_free_space,",
     "--algorithm sacdf": "did you mean sacfd?",
     "--engine foo": "--engine: got 'foo', allowed: auto, native, mjx, warp; choose one of them",
@@ -191,9 +191,22 @@ def test_a_configuration_made_in_python_is_checked_like_one_from_the_command_lin
         check_limits(Config(engine="foo"))  # type: ignore[arg-type]
 
 
+def test_a_smoke_run_is_no_larger_than_asked_for():
+    line = "--smoke --evaluation.episodes 3 --evaluation.every 512 --sac.updates-per-step 1"
+    small = smoke_sized(cli.parse(Config, line.split()))
+    assert (small.evaluation.episodes, small.evaluation.every) == (3, 512)
+    assert small.sac.updates_per_step == 1
+
+
+def test_a_run_whose_every_step_is_warm_up_is_refused():
+    with pytest.raises(UserError, match=r"--sac.warmup-steps: got 2000, allowed: at most 1984"):
+        cli.parse(Config, ["--steps", "2048"])
+    assert cli.parse(Config, ["--steps", "2049"]).steps == 2049
+
+
 def test_values_fit_each_other_in_the_size_that_is_run():
     assert cli.parse(Config, ["--smoke", "--steps", "1024"]).sac.warmup_steps == 512
-    with pytest.raises(UserError, match=r"--sac.warmup-steps: got 512, allowed: below --steps"):
+    with pytest.raises(UserError, match=r"--sac.warmup-steps: got 512, allowed: at most 496"):
         cli.parse(Config, ["--smoke", "--steps", "400"])
     with pytest.raises(UserError, match=r"--replay.capacity: got"):
         cli.parse(Config, ["--smoke", "--replay.capacity", "-64"])

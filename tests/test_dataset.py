@@ -167,6 +167,10 @@ BAD_ARRAYS = {
         changed("terminated", 2, False) | changed("truncated", 2, True),
         "no successful episode among 2",
     ),
+    "far socket": (
+        {"socket_offset": np.full((2, 2), 1e-3, FLOAT)},
+        "socket_offset is up to 0.001 m, expected at most half of provenance.shift_m (0 m)",
+    ),
     "extra": ({"bonus": np.zeros(3)}, "unknown or twice: bonus.npy"),
     "not json": ({"provenance": np.array("{")}, "provenance is not JSON"),
     "two texts": ({"provenance": np.array(["{}", "{}"])}, "provenance is not JSON"),
@@ -195,6 +199,7 @@ BAD_PROVENANCE = {
     "obs_layout": ([["x", "m"]], "provenance.obs_layout has 1 entries, expected 4"),
     "action_scale": ([1, 2, "3"], "provenance.action_scale"),
     "expert": (None, "provenance.expert"),
+    "shift_m": (8.0, "provenance.shift_m is 8, expected 0 to 0.02; check its unit"),
     "versions": ({"jax": 1}, "provenance.versions"),
     "extra": (1, "unknown ['extra']"),
 }

@@ -47,3 +47,34 @@ def test_a_broken_simulation_is_a_failure(breaks_at):
     share = np.asarray(episodes.success).mean()
     assert abs(share - breaks_at) < 0.3 and share < 1.0
     assert (np.asarray(episodes.length) == 1).all()
+
+
+def waits_by_draw() -> Networks:
+    """A policy that acts on the step that the second entry of the observation, in [0, 1], says."""
+
+    class Waiting:
+        action_size = ACTION_SIZE
+
+        def apply(self, params, obs):
+            due = obs[..., 0] >= jnp.floor(obs[..., 1] * HALF)
+            mean = jnp.where(due, 1.0, -1.0)[..., None] * jnp.ones(ACTION_SIZE)
+            return mean, jnp.zeros_like(mean)
+
+    return Networks(actor=Waiting(), critic=None)  # pyright: ignore[reportArgumentType]
+
+
+HALF = probe_env.HORIZON // 2
+
+
+def test_what_follows_the_end_of_an_episode_is_not_counted():
+    """Environments end one after the other, and go on with others while the last still runs."""
+    key, count = jax.random.key(3), 200
+    draw = np.asarray(probe_env.make().reset(jax.random.split(key)[0], count).obs[:, 1])
+    episodes = evaluation.run(probe_env.make(), waits_by_draw(), {}, key, count)
+    assert len(np.unique(np.floor(draw * HALF))) == HALF
+    np.testing.assert_array_equal(episodes.length, np.floor(draw * HALF) + 1)
+    assert np.asarray(episodes.success).all()
+    # One that broke down at its first step may succeed after its reset: that is another episode.
+    broken = evaluation.run(probe_env.make(breaks_at=0.5), waits_by_draw(), {}, key, count)
+    np.testing.assert_array_equal(broken.success, draw <= 0.5)
+    np.testing.assert_array_equal(broken.length[draw > 0.5], 1)

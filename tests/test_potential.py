@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import random_batch
 
 from crsfd_jax import config
 from crsfd_jax.algorithms import crsfd
@@ -14,7 +15,7 @@ from crsfd_jax.learn import potential
 from crsfd_jax.learn.replay import Backup
 from crsfd_jax.learn.returns import monte_carlo_returns
 from crsfd_jax.learn.shaping import shape_reward
-from crsfd_jax.observation import OBS_SIZE, POSE_SCALE, TIP_POSE
+from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE, POSE_SCALE, TIP_POSE
 from crsfd_jax.types import Transition
 
 LENGTH = 10
@@ -81,9 +82,14 @@ def test_success_states_are_targets_of_one_only_if_the_terminal_potential_is_kep
     np.testing.assert_array_equal(kept_targets[30:], 1.0)
 
 
+def stay(key, features):
+    """Demonstrations are as good where they are only."""
+    return features
+
+
 def test_potential_is_the_return_on_demonstrations_and_zero_in_free_space():
     features, targets = potential.demonstration_targets(chain_demos(), QUICK)
-    fitted = potential.fit(jax.random.key(0), features, targets, free_space, QUICK)
+    fitted = potential.fit(jax.random.key(0), features, targets, free_space, QUICK, stay)
     on_demos = potential.evaluate(fitted, features)
     rmse = np.sqrt(np.mean((np.asarray(on_demos) - targets) ** 2))
     assert rmse < 0.08
@@ -99,7 +105,7 @@ def test_free_space_weight_is_what_keeps_the_potential_down_off_the_demonstratio
     probes = free_space(jax.random.key(5), 4000)
 
     def mean_in_free_space(options):
-        fitted = potential.fit(jax.random.key(0), features, targets, free_space, options)
+        fitted = potential.fit(jax.random.key(0), features, targets, free_space, options, stay)
         return potential.evaluate(fitted, probes).mean()
 
     assert mean_in_free_space(careless) > 5 * mean_in_free_space(QUICK)
@@ -112,6 +118,7 @@ def test_regression_loss_equals_the_one_computed_in_numpy():
         jnp.zeros(1),
         free_space,
         dataclasses.replace(QUICK, steps=1),
+        stay,
     )
     features, far = np.random.default_rng(0).normal(size=(2, 5, 2))
     targets = np.linspace(0, 1, 5)
@@ -259,3 +266,23 @@ def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
     assert drop(0.0, 0.008) == drop(0.008, None)
     assert drop(0.008, None, demo_shift=0.008) == drop(0.004, None, demo_shift=0.006)
     assert drop(0.008, None, demo_shift=0.008) == drop(0.0, None)
+
+
+@pytest.mark.parametrize("terminal", ["keep", "zero"])
+def test_crsfd_shapes_both_backups_of_demonstrations_and_experience(monkeypatch, terminal):
+    """With a known potential of the tip's pose, by hand, row by row."""
+    batch = random_batch.batch(OBS_SIZE, ACTION_SIZE)
+    batch = batch.replace(is_demo=jnp.arange(random_batch.BATCH) % 2 == 0)
+    monkeypatch.setattr(crsfd.potential, "evaluate", lambda fitted, pose: pose[..., 2] ** 2)
+    options = config.Config(potential=config.Potential(terminal=terminal))
+    shaped = crsfd.METHOD.reward((), batch, options)
+    phi = np.asarray(batch.obs)[:, TIP_POSE][:, 2] ** 2
+    for before, after in ((batch.one_step, shaped.one_step), (batch.n_step, shaped.n_step)):
+        for i in range(random_batch.BATCH):
+            next_phi = float(before.next_obs[i, TIP_POSE][2]) ** 2
+            if terminal == "zero" and before.terminated[i]:
+                next_phi = 0.0
+            gained = 0.98 ** int(before.length[i]) * next_phi - phi[i]
+            assert after.reward[i] == pytest.approx(float(before.reward[i]) + gained, abs=1e-5)
+        kept = after.replace(reward=before.reward)
+        jax.tree.map(np.testing.assert_array_equal, kept, before)

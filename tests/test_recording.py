@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from crsfd_jax import config
+from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.demos import __main__ as demos_command
-from crsfd_jax.demos import builtin, dataset, record, recordable, replay
+from crsfd_jax.demos import builtin, dataset, record, recordable, replay, rollout
 from crsfd_jax.demos.options import Record
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import networks
 from crsfd_jax.options import validation
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.storage import trained
+from crsfd_jax.types import Transition
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +77,56 @@ def test_noise_and_a_shift_make_other_episodes(recorded):
         np.testing.assert_allclose([drawn.mean(), drawn.std()], [0, 1], atol=0.3)
 
 
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_noise_is_a_factor_on_the_standard_deviation_of_the_policy(recorded, factor):
+    _, run, file = recorded
+    out = file.with_name(f"noise{factor}.npz")
+    line = ["from-run", str(run), "--out", str(out), "--episodes", "40", "--noise", str(factor)]
+    assert demos_command.run(line) == 0
+    demos, policies = builtin.load(str(out)), trained.load(run)
+    actor = jax.tree.map(lambda leaf: leaf[1], policies.actors)
+    _, log_std = networks.apply(policies.nets.actor, actor, demos.obs)
+    inside = np.abs(demos.action[:, 3:]) < 0.999
+    unbounded = np.arctanh(np.clip(demos.action, -0.999, 0.999))
+    noise = ((unbounded - mean_action(demos.obs)) / np.exp(log_std))[:, 3:]
+    assert np.abs(noise[inside]).mean() == pytest.approx(factor * np.sqrt(2 / np.pi), rel=0.15)
+
+
+def test_the_spread_of_a_method_that_learns_none_is_not_recorded(tmp_path):
+    options = dataclasses.replace(finished_run.OPTIONS, algorithm="bc")
+    run = finished_run.write(tmp_path / "run", options)
+    line = ["from-run", str(run), "--out", str(tmp_path / "d.npz")]
+    with pytest.raises(UserError, match="--noise: got 1, allowed with a policy of bc"):
+        demos_command.run(line)
+    assert demos_command.run([*line, "--noise", "0", "--episodes", "2"]) == 0
+
+
+def test_episodes_that_break_down_are_left_out():
+    """Of three, the second ends with neither success nor the time limit."""
+    flags = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1]], bool)
+    steps = Transition(
+        obs=np.arange(9.0).reshape(3, 3, 1),
+        action=np.zeros((3, 3, 6)),
+        reward=np.zeros((3, 3)),
+        next_obs=np.zeros((3, 3, 1)),
+        terminated=flags,
+        truncated=np.zeros((3, 3), bool),
+    )
+    episodes = rollout.Episodes(
+        steps, np.array([2, 1, 3], np.int32), np.arange(21.0).reshape(3, 7), np.zeros((3, 2))
+    )
+    demos = rollout.demonstrations(episodes, None)  # pyright: ignore[reportArgumentType]
+    assert demos.episode_length.tolist() == [2, 3] and demos.start_qpos[:, 0].tolist() == [0, 14]
+    assert demos.obs[:, 0].tolist() == [0, 3, 2, 5, 8]
+    assert demos.terminated.tolist() == [False, True, False, False, True]
+
+
+def test_where_the_sockets_of_demonstrations_stood_reaches_the_method(recorded):
+    demos = dataclasses.replace(recorded[0].provenance, shift_m=3e-3)
+    found = Preparation.of(dataclasses.replace(recorded[0], provenance=demos), lambda *_: None)
+    assert found.demo_shift == 3e-3
+
+
 @pytest.mark.parametrize(
     ("extra", "reason"),
     [
@@ -120,14 +172,14 @@ def test_the_expert_learns_from_the_dense_reward_as_it_is():
 
 def test_the_buffer_of_the_expert_holds_all_of_its_steps():
     made = record.training_options(Record(steps=100_000))
-    assert made.replay.capacity == 100_032
+    assert made.replay.capacity == 102_400 == 20 * made.evaluation.every
     validation.validate(made)
 
 
 @pytest.mark.parametrize(
     ("line", "answer"),
     [
-        ("--steps 10", "--replay.capacity: got 10|--sac.warmup-steps: got 2000"),
+        ("--steps 10", "--sac.warmup-steps: got 2000"),
         ("--scene.clearance 8mm", "--scene.clearance: got 8mm"),
         ("--scene.friction 2", "recording needs the default footprint and friction"),
         ("--mdp.translation-scale 20mm", "recording needs the default action scales"),

@@ -9,7 +9,7 @@ from PIL import Image
 from report_runs import cells_of, make_run, paper_like, played, rising, transfer_run
 
 from crsfd_jax import algorithms
-from crsfd_jax.config import ALGORITHMS, Config, Potential, Sac
+from crsfd_jax.config import ALGORITHMS, Config, Potential, Replay, Sac
 from crsfd_jax.curve import Curve
 from crsfd_jax.errors import UserError
 from crsfd_jax.options.randomisation import TRAINING, Randomisation
@@ -29,6 +29,7 @@ from crsfd_jax.report import (
     runs,
     tables,
     trials,
+    verdicts,
 )
 from crsfd_jax.report.cells import Task
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN
@@ -167,6 +168,29 @@ def test_seeds_that_only_partly_overlap_are_paired_in_their_order(tmp_path):
     make_run(tmp_path / "b", "sacfd", values=np.ones((10, 5)) * low, seed=3)
     found = compare([tuple(cells_of(tmp_path))])
     assert found.final.value == pytest.approx(0.48) and found.final.low < 0.48
+
+
+def test_of_runs_with_the_same_seeds_the_one_with_more_of_them_counts(tmp_path):
+    make_run(tmp_path / "a", values=rising(0, seeds=1))
+    make_run(tmp_path / "b", values=rising(0, seeds=4))
+    (cell,) = cells_of(tmp_path)
+    assert cell.seeds.tolist() == [0, 1, 2, 3]
+
+
+def test_a_method_that_does_not_interact_is_unfinished_before_its_last_step_too(tmp_path):
+    make_run(tmp_path / "bc", "bc", values=rising(0, 0.2)[:5])
+    (cell,) = cells_of(tmp_path)
+    assert not cell.finished
+    part = evidence.below(pairing.index([cell]), cell.task, "bc", 0.5)
+    assert part.verdict == OPEN and "500 of 1,000" in part.numbers
+
+
+@pytest.mark.parametrize(("capacity", "variants"), [(1_000, 1), (1_024, 1), (640, 2)])
+def test_a_buffer_that_holds_a_part_of_the_run_makes_a_variant(tmp_path, capacity, variants):
+    make_run(tmp_path / "a", replay=Replay(capacity=1_024))
+    make_run(tmp_path / "b", seed=5, replay=Replay(capacity=1_024))
+    make_run(tmp_path / "c", seed=10, replay=Replay(capacity=capacity))
+    assert len(cells_of(tmp_path)) == variants
 
 
 def test_crsfd_with_a_part_switched_off_is_that_ablation(tmp_path):
@@ -308,16 +332,16 @@ def test_leads_are_those_of_equal_steps_and_variant_largest_first(tmp_path, monk
 def test_figures_are_laid_out_as_in_the_paper(tmp_path):
     paper_like(tmp_path)
     drawn = {figure.name: figure for figure in layout.figures(cells_of(tmp_path))}
-    assert list(drawn) == ["setting1", "setting2", "ablation"]
+    assert list(drawn) == ["setting1", "setting2", "ablation", "tasks"]
     titles = [panel.title for panel in drawn["setting1"].panels]
     assert titles == [f"shape {shape}, no shift" for shape in "1234"]
     assert all(len(panel.cells) == 9 for panel in drawn["setting1"].panels)
     assert drawn["setting2"].columns == 3
     assert [panel.title for panel in drawn["setting2"].panels][2:4] == [
-        "shape 0, shift 8 mm",
-        "shape 2, shift 4 mm",
+        "shape 2, shift 8 mm",
+        "shape 0, shift 4 mm",
     ]
-    assert [len(panel.cells) for panel in drawn["ablation"].panels] == [3]
+    assert [len(panel.cells) for panel in drawn["ablation"].panels] == [3, 3, 3, 3]
 
 
 def test_runs_that_fit_no_figure_of_the_paper_get_a_panel_for_each_task(tmp_path):
@@ -406,10 +430,37 @@ def test_claims_do_not_hold_on_runs_that_come_out_the_other_way(tmp_path):
     played(make_run(tmp_path / "transfer", shift=2.0, randomisation=TRAINING), (0, "2", 10, 8))
     cells = cells_of(tmp_path)
     found = claims.judge(cells, trials.find([tmp_path], cells)[0])
-    verdicts = [claim.verdict for claim in found]
-    assert verdicts[:4] == [FAILS, FAILS, HOLDS, FAILS]
-    assert verdicts[8:12] == [HOLDS, FAILS, FAILS, FAILS]
-    assert verdicts[12] == OPEN
+    judged = {claim.statement.split(":")[0][:40]: claim.verdict for claim in found}
+    assert [*judged.values()][:4] == [FAILS, FAILS, HOLDS, FAILS]
+    assert judged["Shaping brings no bias into what is lear"] == FAILS
+    assert [*judged.values()][9:] == [HOLDS, FAILS, FAILS, FAILS, FAILS, FAILS, OPEN]
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "verdict"), [(0, 0, FAILS), (0, 300, HOLDS), (300, 0, FAILS)]
+)
+def test_learning_later_is_judged_by_the_steps_to_the_level(tmp_path, ours, theirs, verdict):
+    make_run(tmp_path / "a", values=rising(ours))
+    make_run(tmp_path / "b", "sacfd", values=rising(theirs))
+    book = pairing.index(cells_of(tmp_path))
+    part = evidence.later(book, Task("2", 0.0), "crsfd", "sacfd")
+    assert part.verdict == verdict and "against" in part.numbers
+
+
+@pytest.mark.parametrize(("top", "verdict"), [(1.0, HOLDS), (0.97, HOLDS), (0.8, FAILS)])
+def test_being_no_worse_is_judged_by_the_margin_on_one_side(tmp_path, top, verdict):
+    make_run(tmp_path / "a", values=rising(0, top))
+    make_run(tmp_path / "b", "sacfd", values=rising(0, 0.97))
+    book = pairing.index(cells_of(tmp_path))
+    assert evidence.no_worse(book, Task("2", 0.0), "crsfd", "sacfd").verdict == verdict
+
+
+def test_the_claims_are_listed_in_a_file_of_their_own():
+    no, yes = evidence.Part(FAILS, "0.1 [0.0, 0.2]"), evidence.Part(HOLDS, "0.3 [0.2, 0.4]")
+    text = verdicts.markdown([evidence.claim("It is so", [yes, no]), evidence.claim("Too", [yes])])
+    assert "| does not hold | It is so | 1 do not hold, 1 hold |" in text
+    assert text.index("- does not hold: 0.1 [0.0, 0.2]") < text.index("- holds: 0.3 [0.2, 0.4]")
+    assert evidence.RULE in text
 
 
 def test_a_claim_fails_with_one_part_and_holds_with_all():
@@ -490,7 +541,7 @@ def test_the_headline_names_the_closest_rival(tmp_path):
     found = cells_of(tmp_path)
     said = " ".join(headline.sentences(found, []))
     assert "CRSfD ends at a mean success of 1.000 over 10 tasks" in said
-    assert "It learns faster than SACfD, the closest of 7 others on 4 tasks:" in said
+    assert "It learns faster than SACfD, the closest of 7 others on 5 tasks:" in said
 
 
 def test_the_headline_compares_methods_on_the_same_tasks(tmp_path):

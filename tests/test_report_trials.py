@@ -3,10 +3,11 @@
 import shutil
 
 import pytest
-from report_runs import cells_of, make_run, played, transfer_run
+from report_runs import cells_of, make_run, played, rising, transfer_run
 
+from crsfd_jax import intervals
 from crsfd_jax.errors import UserError
-from crsfd_jax.options.randomisation import Randomisation
+from crsfd_jax.options.randomisation import TRAINING, Randomisation
 from crsfd_jax.report import evidence, tables, transfer, trial_sections, trials
 from crsfd_jax.report.cells import Task
 from crsfd_jax.report.evidence import HOLDS, OPEN
@@ -133,7 +134,37 @@ def test_the_mean_over_shapes_takes_seeds_as_what_was_sampled(tmp_path):
     for shape, successes in (("0", 90), ("1", 100)):
         transfer_run(tmp_path / shape, shape, successes)
     found, _ = found_in(tmp_path)
-    assert trials.of_shapes(found) == pytest.approx((0.95, 0.95, 0.95))
+    seeds = len(found[0].seeds)
+    # As often with each seed, so what is left is chance: Wilson's interval of all trials.
+    ends = intervals.wilson_interval(190 * seeds, 200 * seeds)
+    assert trials.together(found).rate == pytest.approx((0.95, *ends))
+
+
+def test_trials_of_a_run_that_is_beside_a_longer_one_do_not_count(tmp_path):
+    transfer_run(tmp_path / "long", successes=90)
+    played(
+        make_run(
+            tmp_path / "short", shift=2.0, steps=500, values=rising(0)[:5], randomisation=TRAINING
+        ),
+        (0, "2", 100, 10),
+    )
+    found, left_out = found_in(tmp_path)
+    assert told(found) == [("CRSfD, 2 mm, randomised", "2", 450, 500)]
+    assert len(left_out) == 1 and "or of a shorter one" in left_out[0]
+
+
+@pytest.mark.parametrize(
+    ("seeds", "values", "verdict"),
+    [(5, None, HOLDS), (2, None, OPEN), (5, "half", OPEN)],
+)
+def test_trials_decide_once_enough_seeds_are_through(tmp_path, seeds, values, verdict):
+    curve = rising(0, seeds=seeds)
+    run = make_run(
+        tmp_path / "run", shift=2.0, values=curve[:5] if values else curve, randomisation=TRAINING
+    )
+    played(run, *((seed, "2", 100, 100) for seed in range(seeds)))
+    part = evidence.above(found_in(tmp_path)[0], "2", 0.92)
+    assert part.verdict == verdict
 
 
 def test_trials_are_drawn_where_they_are(tmp_path, monkeypatch):

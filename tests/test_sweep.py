@@ -18,7 +18,7 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.options.randomisation import TRAINING
 from crsfd_jax.options.run_name import run_name
 from crsfd_jax.storage import artefacts, metrics
-from crsfd_jax.sweeps import attempt, cells, slurm_array, state
+from crsfd_jax.sweeps import attempt, cells, demonstrations, slurm_array, state
 from crsfd_jax.sweeps.attempt import Plan
 
 ROOT = Path(__file__).parents[1]
@@ -185,8 +185,9 @@ def test_a_wrong_experiment_is_answered_with_one_line(tmp_path, text, answer):
         ("early --gpus 1", "--gpus: got 1 with --runner local"),
         ("early --status --dry-run", "--status: got --dry-run as well"),
         ("early --gpus 0.5 --runner slurm", "--gpus: got 0.5, allowed with slurm: whole ones"),
-        ("early --slurm.minutes 9", "--slurm: got .* with --runner local"),
+        ("early --slurm.minutes 9", "--slurm: got options of it with --runner local"),
         (f"early --status --out {__file__}", "--out: got .* a file, allowed: a folder"),
+        ("early --out /proc/absent/x", "--out: got '/proc/absent/x', which cannot be written"),
         ("absent.py", "--experiment: got 'absent.py', which does not exist"),
     ],
 )
@@ -293,6 +294,37 @@ def test_cells_that_fail_are_listed_with_the_end_of_their_logs(file, out, monkey
         assert len(starts(out, name)) == attempts
     swept(file, "--status")
     assert f"{NAMES[0]}  failed" in capsys.readouterr().out
+
+
+def test_a_log_that_cannot_be_opened_fails_its_cell_and_no_other(file, out, capsys):
+    out.mkdir(parents=True)
+    (out / f"{NAMES[0]}.log").symlink_to(out / "absent" / "log")
+    assert swept(file) == 1
+    printed = capsys.readouterr().out
+    assert "2 done, 1 failed" in printed and "No such file or directory" in printed
+
+
+def test_words_of_demonstrations_may_be_numbers_and_paths(tmp_path):
+    path = tmp_path / "noisy.py"
+    path.write_text(
+        "from pathlib import Path\n"
+        "CELLS = (('--demos', 'a.npz'),)\n"
+        "DEMOS = {Path('a.npz'): ('record', '--noise', 3)}\n"
+    )
+    assert cells.load(str(path)).demos == {"a.npz": ("record", "--noise", "3")}
+
+
+def test_refused_demonstrations_are_not_taken_the_next_time(tmp_path, monkeypatch):
+    """The command writes its file and says that the expert learned too little."""
+    monkeypatch.chdir(tmp_path)
+    writes = "import sys; open(sys.argv[-1], 'w').write('x'); sys.exit(1)"
+    monkeypatch.setattr(demonstrations, "DEMOS", (sys.executable, "-c", writes))
+    cell = cells.Cell("a", (), Config(demos="a.npz"))
+    wanted = cells.Experiment("e", "", (cell,), {"a.npz": ("record",)})
+    for _ in range(2):
+        with pytest.raises(UserError, match=r"kept as refused-a\.npz") as error:
+            demonstrations.make(wanted, [cell])
+        assert error.value.exit_code == 1 and not Path("a.npz").exists()
 
 
 def test_a_run_that_stops_by_itself_is_not_tried_again(file, out, monkeypatch):

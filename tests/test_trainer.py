@@ -15,11 +15,12 @@ from crsfd_jax import algorithms, cli
 from crsfd_jax.config import ALGORITHMS, Config, Mdp, Potential, Replay, Sac, to_dict
 from crsfd_jax.demos import builtin
 from crsfd_jax.errors import UserError
+from crsfd_jax.options.schedule import CHUNK_STEPS, evaluation_period, total_steps
 from crsfd_jax.options.smoke import smoke_sized
 from crsfd_jax.storage import artefacts, metrics
 from crsfd_jax.sweeps import state
 from crsfd_jax.training import trainer
-from crsfd_jax.training.program import CHUNK_STEPS, evaluation_period, fitted, total_steps
+from crsfd_jax.training.program import fitted
 
 OPTIONS = ("--smoke", "--shape", "3", "--shift", "4mm")
 
@@ -170,8 +171,11 @@ def test_sizes_of_a_run_are_whole_chunks():
 def test_a_run_that_goes_on_with_more_steps_keeps_its_buffer_unless_told_another():
     begun, longer = fitted(Config(steps=60_000)), Config(steps=120_000)
     assert fitted(longer, begun).replay.capacity == begun.replay.capacity < 120_000
-    other = replace(longer, replay=Replay(capacity=64_000))
-    assert fitted(other, begun).replay.capacity == 64_000
+    other = replace(longer, replay=Replay(capacity=32_000))
+    assert fitted(other, begun).replay.capacity == 32_000
+    # The capacity that it was begun with, of which it needed less then.
+    again = replace(longer, replay=Replay(capacity=64_000))
+    assert fitted(again, begun).replay.capacity == begun.replay.capacity
 
 
 def test_steps_may_grow_whatever_the_buffer_was_fitted_to(tmp_path):

@@ -39,3 +39,14 @@ def test_a_target_is_reached_or_missed(target, word, code):
     line, found = judge(config(target=target), [0.9, 0.9, 0.8, 1.0], {}, 1.0)
     assert line.endswith(f", target {target:g} {word}")
     assert found == code
+
+
+def test_a_seed_that_diverged_has_failed_where_there_is_a_target():
+    lost = {"11": 5, "12": 6, "13": 7}
+    line, code = judge(config(target=0.9), [1.0, 0.0, 0.0, 0.0], lost, 1.0)
+    assert "final success 1.000" in line and line.endswith("target 0.9 missed") and code == 1
+
+
+def test_a_target_that_is_reached_exactly_is_reached():
+    options = Config(seeds=2, target=0.55, evaluation=Evaluation(episodes=50))
+    assert judge(options, [0.56, 0.54], {}, 1.0).code == 0

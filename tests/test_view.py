@@ -100,6 +100,9 @@ def test_the_marked_square_has_the_side_of_the_shift_and_the_socket_in_its_corne
         ["--shift", "1m"],
         ["--scene.clearance", "0mm"],
         ["--png", "scene.jpg"],
+        ["--episodes", "5", "run"],
+        ["--port", "8081"],
+        ["--host", "0.0.0.0", "run", "--video", "out.gif"],
         ["--png", "scene.png", "run"],
         ["--scene.clearance", "2mm", "run"],
     ],
@@ -108,6 +111,15 @@ def test_an_unusable_option_is_named_in_one_line(line):
     with pytest.raises(UserError, match=f"^{line[0].split('.')[0]}.*: got .*allowed") as caught:
         view.main(line)
     assert caught.value.exit_code == 2 and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("option", "name"), [("--png", "a.png"), ("--video", "a.gif")])
+def test_a_picture_or_film_is_not_overwritten(tmp_path, option, name):
+    (tmp_path / name).write_text("mine")
+    line = [option, str(tmp_path / name), *(["run"] if option == "--video" else [])]
+    with pytest.raises(UserError, match=f"^{option}: got .* which exists, allowed: a new file"):
+        view.main(line)
+    assert (tmp_path / name).read_text() == "mine"
 
 
 @needs_opengl

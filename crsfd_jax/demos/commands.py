@@ -4,7 +4,7 @@ import dataclasses
 
 import jax
 
-from crsfd_jax import task
+from crsfd_jax import algorithms, task
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin, dataset, exchange, record, recordable, replay, rollout
 from crsfd_jax.demos.options import FromRun, Record
@@ -54,6 +54,11 @@ def record_run(options: FromRun, command: str) -> int:
         )
     if reason := recordable.refusal(config):
         raise UserError(f"{options.run}: {reason}; choose another run")
+    if options.noise and not algorithms.load(config.algorithm).interacts:
+        raise UserError(
+            f"--noise: got {options.noise:g}, allowed with a policy of {config.algorithm}, which "
+            "learns no spread: 0"
+        )
     chosen = trained.choose(options.run, source.config, options.seed)
     files.reserve(options.out)
     learned = f"{config.algorithm} on shape {shapes.label(source.config.shape)}"

@@ -23,7 +23,14 @@ from pathlib import Path
 
 import numpy as np
 
-from crsfd_jax.demos.provenance import Provenance, from_json, obs_layout, to_json
+from crsfd_jax.demos.provenance import (
+    Provenance,
+    check_columns,
+    check_shift,
+    from_json,
+    obs_layout,
+    to_json,
+)
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import CLIP
 from crsfd_jax.storage import npz
@@ -98,7 +105,8 @@ def check(demos: Demonstrations, obs_dim: int, action_dim: int, path: str | Path
         _check_shapes(demos, obs_dim, action_dim)
         _check_values(demos)
         _check_episodes(demos)
-        _check_columns(demos.provenance, obs_dim, action_dim)
+        check_columns(demos.provenance, obs_dim, action_dim)
+        check_shift(demos.provenance, demos.socket_offset)
     except UserError as error:
         raise UserError(f"demo {path}: {error}") from None
 
@@ -234,12 +242,3 @@ def _check_episodes(demos: Demonstrations) -> None:
             f"reward is {demos.reward[dense[0]]:g} at step {dense[0]}, expected 1 where terminated "
             "and 0 elsewhere; write the sparse reward of the task"
         )
-
-
-def _check_columns(source: Provenance, obs_dim: int, action_dim: int) -> None:
-    for name, expected in (("obs_layout", obs_dim), ("action_scale", action_dim)):
-        found = len(getattr(source, name))
-        if found != expected:
-            raise UserError(f"provenance.{name} has {found} entries, expected {expected}")
-    if any(len(column) != 2 for column in source.obs_layout):
-        raise UserError("provenance.obs_layout is not a list of [name, unit]")

@@ -28,7 +28,7 @@ class Record:
     """Seed of the expert's training and of its noise."""
     steps: Count = 204_800
     """Environment steps after which training stops, successful or not."""
-    enough: Annotated[float, Interval(0, 1)] = 0.98
+    enough: Annotated[float, Interval(0, 1)] = 1.0
     """Success rate of the deterministic policy at which training stops."""
     engine: Literal["auto", "native", "mjx", "warp"] = "auto"
     """Physics engine; auto is mjx on an accelerator and native on a CPU."""

@@ -6,12 +6,16 @@ import typing
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from crsfd_jax.config import Scene
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import OBSERVATION
 from crsfd_jax.options import limits, shapes, validation
 
 SCHEMA = 1
+_LARGEST_SHIFT = 0.02
+"""m, as for --shift."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +37,8 @@ class Provenance:
     expert: str
     """What chose the actions, in words."""
     expert_success_rate: float
-    """Share of the expert's attempts that succeeded, the unrecorded ones included."""
+    """Share of attempts with this noise that succeeded, none of them recorded; of a person, of the
+    recorded ones."""
     noise: float
     """Factor of the noise added to the expert's actions."""
     seed: int
@@ -54,6 +59,20 @@ def obs_layout() -> list[list[str]]:
     ]
 
 
+def check_columns(source: Provenance, obs_dim: int, action_dim: int) -> None:
+    """Checks that columns are named, as many as there are.
+
+    Raises:
+      UserError: they are not.
+    """
+    for name, expected in (("obs_layout", obs_dim), ("action_scale", action_dim)):
+        found = len(getattr(source, name))
+        if found != expected:
+            raise UserError(f"provenance.{name} has {found} entries, expected {expected}")
+    if any(len(column) != 2 for column in source.obs_layout):
+        raise UserError("provenance.obs_layout is not a list of [name, unit]")
+
+
 def check_scene(source: Provenance) -> None:
     """Checks that the peg and the socket of a recording can be built.
 
@@ -72,6 +91,24 @@ def check_scene(source: Provenance) -> None:
         validation.validate_parts(scene, source.shape)
     except UserError as error:
         raise UserError(f"provenance.clearance_m: {error}") from None
+
+
+def check_shift(source: Provenance, socket_offset: np.ndarray) -> None:
+    """Checks that sockets stood [K, 2] m from their nominal place as far as is said.
+
+    Raises:
+      UserError: the square that is said is none of a task, or a socket stood outside it.
+    """
+    shift, furthest = source.shift_m, float(np.abs(socket_offset).max())
+    if not 0 <= shift <= _LARGEST_SHIFT:
+        raise UserError(
+            f"provenance.shift_m is {shift:g}, expected 0 to {_LARGEST_SHIFT:g}; check its unit"
+        )
+    if furthest > shift / 2 + 1e-6:
+        raise UserError(
+            f"socket_offset is up to {furthest:g} m, expected at most half of provenance.shift_m "
+            f"({shift:g} m); correct one of them"
+        )
 
 
 def to_json(provenance: Provenance) -> str:

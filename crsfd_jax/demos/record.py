@@ -4,6 +4,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from crsfd_jax import algorithms, config, evaluation, task
 from crsfd_jax.algorithms.method import Preparation
@@ -13,6 +14,9 @@ from crsfd_jax.demos.rollout import Expert
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.training import chunk, train_step
 from crsfd_jax.types import Transition
+
+_BLOCK = 80
+"""Vector steps between two looks at how well the expert does."""
 
 
 def no_demonstrations() -> Transition:
@@ -50,15 +54,16 @@ def train_expert(options: Record, report=lambda env_steps, success: None) -> Exp
         actor = jax.tree.map(lambda leaf: leaf[0], states.agent.actor)
         key = jax.random.fold_in(evaluation_key, step)
         played = measure(env, learner.nets, actor, key, run.evaluation.episodes)
-        success = float(played.success.mean())
+        success = float(np.asarray(played.success).mean())
         report(step * run.envs, success)
     described = f"SAC under a dense reward, {step * run.envs} environment steps"
     return Expert(nets=learner.nets, actor=actor, described=described)
 
 
 def training_options(options: Record) -> config.Config:
-    """The expert learns without demonstrations; its buffer holds all of its experience."""
-    whole = -(-options.steps // options.envs)
+    """The expert learns without demonstrations, in blocks; its buffer holds all that they make."""
+    block = _BLOCK * options.envs
+    whole = -(-options.steps // block) * block
     return config.Config(
         shape=options.shape,
         shift=0.0,
@@ -71,8 +76,8 @@ def training_options(options: Record) -> config.Config:
         scene=options.scene,
         mdp=options.mdp,
         sac=options.sac,
-        replay=dataclasses.replace(config.Replay(), capacity=whole * options.envs),
-        evaluation=config.Evaluation(every=80 * options.envs),
+        replay=dataclasses.replace(config.Replay(), capacity=whole),
+        evaluation=config.Evaluation(every=block),
     )
 
 

@@ -59,7 +59,15 @@ def success_rate(episodes: Episodes) -> float:
 
 
 def demonstrations(episodes: Episodes, source: Provenance) -> Demonstrations:
-    """The episodes one after another, ready to be saved."""
+    """The episodes one after another, ready to be saved; without those that broke down."""
+    last = episodes.length - 1, np.arange(len(episodes.length))
+    kept = episodes.steps.terminated[last] | episodes.steps.truncated[last]
+    episodes = Episodes(
+        steps=jax.tree.map(lambda x: x[:, kept], episodes.steps),
+        length=episodes.length[kept],
+        start_qpos=episodes.start_qpos[kept],
+        socket_offset=episodes.socket_offset[kept],
+    )
     return Demonstrations(
         **vars(_flatten(episodes)),
         episode_length=episodes.length,

@@ -3,7 +3,7 @@
 Cross-entropy with the label 1 for the demonstrations, plus a penalty on the slope between the two.
 
 Source: Ho and Ermon 2016 (arXiv 1606.03476); Kostrikov et al. 2019 (arXiv 1809.02925, DAC) for
-its training from a replay buffer, its sizes and the penalty of Gulrajani et al. 2017.
+its training from a replay buffer and the penalty of Gulrajani et al. 2017.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ def fit(
     targets: jax.Array,
     sample_free_space: SampleFreeSpace,
     potential: config.Potential,
-    move: Move | None = None,
+    move: Move,
 ) -> FittedPotential:
     """Runs the regression on features [D, F] with targets [D] in [0, 1].
 
@@ -95,9 +95,7 @@ def fit(
         demo_key, free_key = jax.random.split(step_key)
         rows = jax.random.randint(demo_key, (potential.batch_size,), 0, features.shape[0])
         free = sample_free_space(free_key, potential.batch_size)
-        known = features[rows]
-        if move is not None:
-            known = move(jax.random.fold_in(demo_key, _MOVING), known)
+        known = move(jax.random.fold_in(demo_key, _MOVING), features[rows])
         gradient = jax.grad(regression_loss)(
             fitted, known, targets[rows], free, potential.free_space_weight
         )

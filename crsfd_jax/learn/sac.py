@@ -158,7 +158,7 @@ def bootstrap_targets(
 def _backups(batch: Batch, config: Config) -> tuple[Backup, jax.Array]:
     """Backups [K, B] and their loss weights [K]; their bootstraps share one forward pass."""
     backups, weights = [batch.one_step], [1.0]
-    if config.replay.n_step_weight > 0:
+    if config.replay.n_step > 1 and config.replay.n_step_weight > 0:
         backups.append(batch.n_step)
         weights.append(config.replay.n_step_weight)
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *backups), jnp.asarray(weights)

@@ -12,7 +12,13 @@ def smoke_sized(config: Config) -> Config:
         seeds=min(config.seeds, 2),
         steps=min(config.steps, 4096),
         envs=min(config.envs, 16),
-        sac=replace(config.sac, warmup_steps=min(config.sac.warmup_steps, 512), updates_per_step=4),
+        sac=replace(
+            config.sac,
+            warmup_steps=min(config.sac.warmup_steps, 512),
+            updates_per_step=min(config.sac.updates_per_step, 4),
+        ),
         potential=replace(config.potential, steps=min(config.potential.steps, 500)),
-        evaluation=Evaluation(every=2048, episodes=10),
+        evaluation=Evaluation(
+            every=min(config.evaluation.every, 2048), episodes=min(config.evaluation.episodes, 10)
+        ),
     )

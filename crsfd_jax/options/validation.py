@@ -2,7 +2,7 @@
 
 from crsfd_jax.config import Config, Scene
 from crsfd_jax.errors import UserError
-from crsfd_jax.options import shapes
+from crsfd_jax.options import schedule, shapes
 from crsfd_jax.options.limits import check_limits
 from crsfd_jax.options.units import format_length
 
@@ -21,10 +21,11 @@ def validate(config: Config) -> None:
             f"--replay.capacity: got {capacity}, allowed: multiples of --envs ({envs}); "
             f"use {nearest}"
         )
-    if config.sac.warmup_steps >= config.steps:
+    if schedule.warmup_steps(config) >= (steps := schedule.total_steps(config)):
         raise UserError(
-            f"--sac.warmup-steps: got {config.sac.warmup_steps}, allowed: below --steps "
-            f"({config.steps}); lower it or raise --steps"
+            f"--sac.warmup-steps: got {config.sac.warmup_steps}, allowed: at most "
+            f"{(steps - 1) * envs} of the {steps * envs} that {config.steps} --steps of {envs} "
+            "--envs make; lower it or raise --steps"
         )
     has_own = config.algorithm.startswith("crsfd") and config.algorithm != "crsfd_same_gamma"
     if has_own and config.potential.gamma > config.sac.gamma:

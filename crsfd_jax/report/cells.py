@@ -66,7 +66,7 @@ class Cell(NamedTuple):
     @property
     def finished(self) -> bool:
         """Whether every seed has made its planned steps."""
-        return not self.interacts or self.steps >= self.planned_steps
+        return self.steps >= self.planned_steps
 
     @property
     def interacts(self) -> bool:
@@ -89,14 +89,14 @@ def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
     for run in runs:
         config = run.manifest.config
         method = method_of(config)
-        changed = _changed(run.options, usual[method])
+        changed = _changed(run.options, usual[method]) | _unusual_buffer(config)
         place = method, task_of(config), tuple(changed.items()), config.steps
         groups.setdefault(place, []).append(run)
     variants = _variants({changed: group[0] for (_, _, changed, _), group in groups.items()})
     cells, left_out = [], []
     for (method, task, changed, steps), group in groups.items():
         kept, repeated = _without_repeats(group)
-        kept, waiting = _finished(kept, method, steps)
+        kept, waiting = _finished(kept, steps)
         left_out += [*repeated, *waiting]
         cells.append(_cell(method, task, variants[changed], steps, kept))
     cells.sort(key=lambda c: (c.task, rank(c.method), c.variant, -c.planned_steps))
@@ -136,6 +136,12 @@ def _changed(options: dict[str, Any], usual: dict[str, Any]) -> dict[str, Any]:
     return {name: options[name] for name in names if options[name] != usual.get(name)}
 
 
+def _unusual_buffer(config: Config) -> dict[str, int]:
+    """The capacity of a buffer that holds another share of the run than it usually would."""
+    own, usual = (min(x.replay.capacity, config.steps) for x in (config, Config()))
+    return {} if own == usual else {"replay.capacity": config.replay.capacity}
+
+
 def _matters(name: str) -> bool:
     return name not in _ASIDE and not name.startswith("evaluation.")
 
@@ -150,11 +156,11 @@ def _variants(changed: Mapping[tuple, Run]) -> dict[tuple, str]:
     return words
 
 
-def _finished(runs: Sequence[Run], method: str, steps: int) -> tuple[list[Run], list[str]]:
+def _finished(runs: Sequence[Run], steps: int) -> tuple[list[Run], list[str]]:
     """The finished runs, and a line for each other; all runs if none is finished."""
     ended: dict[bool, list[Run]] = {True: [], False: []}
     for run in runs:
-        ended[method in WITHOUT_INTERACTION or _last(run) >= steps].append(run)
+        ended[_last(run) >= steps].append(run)
     if not ended[True]:
         return ended[False], []
     said = "waits for its end: other seeds are there"
@@ -168,7 +174,7 @@ def _last(run: Run) -> int:
 
 def _without_repeats(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     kept, lines = [], []
-    for run in sorted(runs, key=lambda run: (-_last(run), run.name)):
+    for run in sorted(runs, key=lambda run: (-_last(run), -len(run.seeds), run.name)):
         same = [other for other in kept if set(other.seeds) & set(run.seeds)]
         if same:
             lines.append(f"{run.name}: repeats seeds of {same[0].name}, which is at least as long")

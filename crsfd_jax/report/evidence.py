@@ -21,12 +21,14 @@ _TRANSFER = "CRSfD, 2 mm, randomised"
 RULE = (
     "Every number is a mean with its 95 % interval: Student's t over seeds, of held-out trials "
     "Wilson's where that is wider. X above Y holds if the interval of the difference lies above 0, "
-    f"and does not hold if it lies below {MARGIN:g}. X like Y holds if the interval lies within "
-    f"±{MARGIN:g}, and does not hold if it lies outside. X below a level holds if its interval "
-    "lies below it, and does not hold if it lies above. Trials succeed as the paper's do if their "
-    f"interval lies above the paper's rate less {MARGIN:g}, and do not if it lies below. The rest "
-    f"is undecided, and so is what has no finished runs with {FEWEST_SEEDS} seeds. A claim holds "
-    "if all its parts hold, and does not hold if one does not. Two methods are compared by the "
+    f"however little, and else does not if it lies below {MARGIN:g}. X like Y holds if the "
+    f"interval lies within ±{MARGIN:g}, and does not if it lies outside. X no worse than Y holds "
+    f"above -{MARGIN:g}, and does not below. X below a level holds if its interval lies below it, "
+    "and does not if it lies above. Trials succeed as the paper's do if their interval lies above "
+    f"the paper's rate less {MARGIN:g}, and do not if it lies below. "
+    "Steps to a level are compared as they are. The rest is undecided, and so is what has no "
+    f"finished runs with {FEWEST_SEEDS} seeds. A claim holds if all its parts hold, and does not "
+    "if one does not, with no allowance for how many they are. Two methods are compared by the "
     "evaluations that both have, in the steps named."
 )
 
@@ -84,6 +86,28 @@ def close(book: Book, task: Task, ours: str, theirs: str, what: str) -> Part:
     return Part(verdict, f"{subject} {show(found, '+.3f')}, {_steps(each)}")
 
 
+def no_worse(book: Book, task: Task, ours: str, theirs: str) -> Part:
+    """Whether a method ends as high as another, or higher."""
+    subject = f"{task}, {_WORDS['final']}: {_label(ours)} less {_label(theirs)}"
+    each = _scores(book, [task], ours, theirs)
+    if isinstance(each, str):
+        return Part(OPEN, f"{subject}: {each}")
+    found = _difference(each, "final")
+    verdict = HOLDS if found.low > -MARGIN else FAILS if found.high < -MARGIN else OPEN
+    return Part(verdict, f"{subject} {show(found, '+.3f')}, {_steps(each)}")
+
+
+def later(book: Book, task: Task, ours: str, theirs: str) -> Part:
+    """Whether a method comes to the level that counts as learned after ours, or not at all."""
+    subject = f"{task}, steps to {summary.LEVEL:g}: {_label(theirs)} against {_label(ours)}"
+    each = _scores(book, [task], ours, theirs)
+    if isinstance(each, str):
+        return Part(OPEN, f"{subject}: {each}")
+    first, second = each[0].learned
+    said = " against ".join(_thousands(steps) for steps in (second, first))
+    return Part(HOLDS if first < second else FAILS, f"{subject} {said}, {_steps(each)}")
+
+
 def wider(book: Book, far: Sequence[Task], near: Sequence[Task]) -> Part:
     """Whether the gap from CRSfD to SACfD is larger on some tasks than on others."""
     subject = f"margin on {_names(far)} less that on {_names(near)}"
@@ -117,6 +141,8 @@ def above(found: Sequence[Trials], shape: str, rate: float) -> Part:
     if not of_shape:
         return Part(OPEN, f"shape {shape}: no held-out trials")
     trials, bar = of_shape[0], rate - MARGIN
+    if lacking := _lacking(trials.cell, np.unique(trials.seeds)):
+        return Part(OPEN, f"shape {shape}: {lacking}")
     verdict = HOLDS if trials.rate.low > bar else FAILS if trials.rate.high < bar else OPEN
     said = f"{show(trials.rate)} of {trials.trials.sum()} trials"
     return Part(verdict, f"shape {shape}: {said}, paper {rate:g}")
@@ -168,20 +194,29 @@ def _steps(each: Sequence[summary.Scores]) -> str:
     return f"{' to '.join(ends)} steps"
 
 
+def _thousands(steps: float) -> str:
+    return f"{steps / 1000:.0f}k" if np.isfinite(steps) else "not reached"
+
+
 def _usable(book: Book, method: str, task: Task) -> list[Cell]:
     """The cells that lack nothing, the longest runs first; all of them if there is none."""
     cells = book.get((method, task), [])
     return [cell for cell in cells if not _lacking(cell)] or cells
 
 
-def _lacking(cell: Cell) -> str:
-    """What a cell lacks for a verdict, in words; empty if nothing."""
+def _lacking(cell: Cell, seeds: np.ndarray | None = None) -> str:
+    """What a cell, or these seeds of it, lack for a verdict, in words; empty if nothing."""
+    seeds = cell.seeds if seeds is None else seeds
     if not cell.finished:
         stand = f"{cell.steps:,} of {cell.planned_steps:,} steps"
         return f"{_label(cell.method)} stands at {stand}"
-    if len(cell.seeds) < FEWEST_SEEDS:
-        return f"{_label(cell.method)} has {len(cell.seeds)} seeds"
+    if len(seeds) < FEWEST_SEEDS:
+        return f"{_label(cell.method)} has {_seeds(len(seeds))}"
     return ""
+
+
+def _seeds(count: int) -> str:
+    return f"{count} seed{'s' * (count != 1)}"
 
 
 def _names(tasks: Sequence[Task]) -> str:

@@ -14,7 +14,7 @@ def lines(cells: Sequence[Cell], figures: Sequence[Figure]) -> list[str]:
     """A line for each cell that is unfinished, missing, or has fewer seeds or steps than others."""
     usual = Counter(len(cell.seeds) for cell in cells).most_common(1)[0][0]
     planned: dict[tuple[Task, str], int] = {}
-    for cell in cells:
+    for cell in (cell for cell in cells if cell.interacts):
         place = cell.task, cell.variant
         planned[place] = max(planned.get(place, 0), cell.planned_steps)
     kept, found = {id(cell) for cell in longest(cells)}, []
@@ -23,7 +23,7 @@ def lines(cells: Sequence[Cell], figures: Sequence[Figure]) -> list[str]:
         if not cell.finished:
             share = f"{cell.steps:,} of {cell.planned_steps:,} steps"
             found.append(f"{where} is unfinished, {share}")
-        others = planned[cell.task, cell.variant]
+        others = planned.get((cell.task, cell.variant), 0)
         if cell.interacts and cell.planned_steps < others and id(cell) in kept:
             found.append(f"{where} was given {cell.planned_steps:,} steps, others {others:,}")
         if len(cell.seeds) < usual:

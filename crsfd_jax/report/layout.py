@@ -11,7 +11,8 @@ from crsfd_jax.report.methods import ARMS
 from crsfd_jax.report.pairing import longest
 
 SETTING1 = tuple(Task(shape, 0.0) for shape in "1234")
-SETTING2 = tuple(Task(shape, shift) for shape in "02" for shift in (4.0, 6.0, 8.0))
+SETTING2 = tuple(Task(shape, shift) for shape in "20" for shift in (4.0, 6.0, 8.0))
+"""In rows; the demonstrated task, shape 0 without a shift, would stand below on the left."""
 _COLUMNS = 4
 
 

@@ -19,9 +19,10 @@ from crsfd_jax.report import (
     tables,
     trial_sections,
     trials,
+    verdicts,
 )
 from crsfd_jax.report.cells import Cell
-from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, RULE, Claim
+from crsfd_jax.report.evidence import Claim
 from crsfd_jax.report.layout import Figure
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.summary import LEVEL
@@ -32,8 +33,6 @@ from crsfd_jax.storage.files import output, write_atomically
 FILE = "report.html"
 MAX_FILM_BYTES = 16 * 2**20
 """Of all films in a page."""
-_SHOWN = 4
-"""Comparisons of a claim that are not folded away."""
 _TITLE = "Insertion from demonstrations of another task"
 _NOTES = (
     "Success is that of the deterministic policy in fresh evaluation episodes.",
@@ -41,11 +40,14 @@ _NOTES = (
     "standard deviation (population) over seeds, as the figures draw it.",
     "Intervals of differences are Student's t over seeds. Those of IQM (mean of the middle half of "
     "the seeds) and P(better) are bootstrapped (10,000 samples of the seeds, percentiles 2.5 and "
-    "97.5), somewhat too narrow with few seeds. On several tasks a seed counts once.",
+    "97.5), somewhat too narrow with few seeds. On several tasks a seed counts once. No interval "
+    "makes up for several comparisons, or for seeds that were added because fewer left the order "
+    "open.",
     f"Steps to {LEVEL * 100:g} %: first of three evaluations in a row at which the mean over seeds "
     f"is {LEVEL:g} or more; seeds there: how many have three such evaluations themselves.",
     "Area: under the curve of success from 0 steps (success 0) to the last, divided by the steps; "
-    "1 would be success from the start. Differences pair seeds of the same number. While "
+    "1 would be success from the start. Differences pair seeds of the same number, or, where two "
+    "runs have only some in common, in their order. While "
     "exploring: the same of the episodes of training, in which the policy is sampled.",
     "P(better): chance that a seed of the one scores above a seed of the other on the same task, "
     "ties count half (Mann and Whitney), mean over tasks.",
@@ -92,6 +94,7 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
     Raises:
       UserError: the folder cannot be written.
     """
+    films = _films(report.cells)
     with output(folder):
         folder.mkdir(parents=True, exist_ok=True)
         pictures = [_picture(figure, folder) for figure in report.figures]
@@ -100,17 +103,19 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
             html.section("Results", html.table(*tables.results(report.cells))),
             html.section("Success against environment steps", *pictures),
             _comparisons(report, folder),
-            _claims(report.claims),
+            verdicts.section(report.claims),
             trial_sections.held_out([t for t in report.trials if t.held_out], folder),
             trial_sections.own([t for t in report.trials if not t.held_out]),
             _potential(folder, value_map),
-            _films(report.cells),
+            films,
             _origin(report),
             _gaps(report),
             html.section("How the numbers are made", html.bullets(_NOTES)),
         ]
         text = html.page(_TITLE, [part for part in body if part])
         write_atomically(folder / FILE, lambda stream: stream.write(text.encode()))
+        listed = verdicts.markdown(report.claims)
+        write_atomically(folder / verdicts.FILE, lambda stream: stream.write(listed.encode()))
     return folder / FILE
 
 
@@ -153,36 +158,6 @@ def _leads(cells: Sequence[Cell], folder: Path) -> str:
         return ""
     leads.draw(found, path)
     return html.media(path, leads.CAPTION)
-
-
-def _claims(found: Sequence[Claim]) -> str:
-    kinds = {HOLDS: "holds", FAILS: "fails", OPEN: "open"}
-    rows = []
-    for claim in found:
-        mark = f'<td class="verdict {kinds[claim.verdict]}">{claim.verdict}</td>'
-        rows.append(f"<tr>{mark}<td>{html.escape(claim.statement)}{_parts(claim)}</td></tr>")
-    body = "\n".join(rows)
-    return html.section(
-        "Claims of the paper",
-        html.paragraph(RULE, "quiet"),
-        f"<table><thead><tr><th>verdict</th><th>claim and the numbers that decide</th></tr></thead>"
-        f"<tbody>{body}</tbody></table>",
-    )
-
-
-def _parts(claim: Claim) -> str:
-    """The numbers, those that decide first; of many, a few and the whole list folded away."""
-    order = (FAILS, OPEN, HOLDS)
-    parts = sorted(claim.parts, key=lambda part: order.index(part.verdict))
-    lines = [f"{part.verdict}: {part.numbers}" for part in parts]
-    if len(lines) <= _SHOWN:
-        return html.bullets(lines)
-    several = {FAILS: "do not hold", OPEN: "undecided", HOLDS: "hold"}
-    counts = [(sum(p.verdict == verdict for p in parts), several[verdict]) for verdict in order]
-    title = ", ".join(f"{count} {words}" for count, words in counts if count)
-    first = [line for line, part in zip(lines, parts, strict=True) if part.verdict == claim.verdict]
-    shown = html.bullets(first[:_SHOWN]) if claim.verdict != HOLDS else ""
-    return shown + html.folded(f"all {len(lines)} comparisons: {title}", html.bullets(lines))
 
 
 def _potential(folder: Path, value_map: Callable[[Path], str]) -> str:

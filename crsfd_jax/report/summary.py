@@ -60,6 +60,9 @@ class Scores(NamedTuple):
     steps: int
     final: tuple[np.ndarray, np.ndarray]
     area: tuple[np.ndarray, np.ndarray]
+    learned: tuple[float, float]
+    """Steps at the first of three evaluations in a row at which the mean over all seeds is LEVEL
+    or more; infinite if there are none."""
     seeds: np.ndarray
     """[pairs] of the first cell, each beside one of the second."""
     final_gap: np.ndarray
@@ -77,7 +80,7 @@ def summarise(cell: Cell) -> Summary:
         mean=float(last.mean()),
         std=float(last.std()),
         interquartile=statistics.interquartile_interval([last]),
-        steps_to_level=statistics.settled_at(curve.env_steps, curve.values.mean(axis=1), LEVEL),
+        steps_to_level=_learned(curve),
         seeds_at_level=int(np.isfinite(each).sum()),
         area=float(statistics.area(*curve).mean()),
         wall_s=sum(run.wall_s for run in cell.runs),
@@ -99,11 +102,13 @@ def scores(ours: Cell, theirs: Cell) -> Scores | None:
     final = [statistics.final(*curve) for curve in kept]
     area = [statistics.area(*curve) for curve in kept]
     exploring = [statistics.area(*_explored(steps, cell)) for cell in (ours, theirs)]
+    learned = [_learned(curve) for curve in kept]
     first, second = _pairs(ours.seeds, theirs.seeds)
     return Scores(
         steps=int(steps[-1]),
         final=(final[0], final[1]),
         area=(area[0], area[1]),
+        learned=(learned[0], learned[1]),
         seeds=ours.seeds[first],
         final_gap=final[0][first] - final[1][second],
         area_gap=area[0][first] - area[1][second],
@@ -132,6 +137,10 @@ def compare(pairs: Sequence[tuple[Cell, Cell]]) -> Comparison | None:
         better_final=statistics.improvement(*zip(*(task.final for task in each), strict=True)),
         better_area=statistics.improvement(*zip(*(task.area for task in each), strict=True)),
     )
+
+
+def _learned(curve: Curve) -> float:
+    return statistics.settled_at(curve.env_steps, curve.values.mean(axis=1), LEVEL)
 
 
 def _over(steps: np.ndarray, cell: Cell) -> Curve:

@@ -93,7 +93,7 @@ def machines(cells: Sequence[Cell]) -> Table:
         groups.setdefault((told.device, text), []).append(run)
     rows = []
     for (device, versions), runs in groups.items():
-        dates = sorted((run.manifest.started or "not recorded")[:10] for run in runs)
+        dates = sorted(run.manifest.started[:10] or "not recorded" for run in runs)
         span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
         wall = duration(math.fsum(run.wall_s for run in runs))
         rows.append((device, versions, span, str(len(runs)), wall))

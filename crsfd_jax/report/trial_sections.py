@@ -19,7 +19,7 @@ def held_out(found: Sequence[Trials], folder: Path) -> str:
     for each in found:
         labels.setdefault(each.label, []).append(each)
     means = [
-        f"{label}: {show(trials.of_shapes(each))} over {len(each)} shapes"
+        f"{label}: {show(trials.together(each).rate)} over {len(each)} shapes"
         for label, each in labels.items()
     ]
     shown = html.table(*tables.transfers(found, claims.ROBOT))

@@ -9,10 +9,11 @@ import numpy as np
 
 from crsfd_jax.errors import UserError
 from crsfd_jax.intervals import rate_interval
-from crsfd_jax.options.randomisation import TRAINING, Randomisation
-from crsfd_jax.report import statistics
+from crsfd_jax.options.randomisation import Randomisation
+from crsfd_jax.report import words
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.methods import rank, style
+from crsfd_jax.report.pairing import longest
 from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.storage import run_folder
 from crsfd_jax.storage import trials as table
@@ -21,7 +22,6 @@ from crsfd_jax.storage.trials import Row
 _HELD_OUT = ("--held-out",)
 _NUMBER = ("--episodes", "--seed")
 """Options that say how many episodes are played, and which."""
-_TRAINING = {TRAINING: "randomised", Randomisation(): "no randomisation"}
 
 
 class Trials(NamedTuple):
@@ -52,8 +52,8 @@ class Trials(NamedTuple):
     @property
     def label(self) -> str:
         """Method and training, in words."""
-        word = _TRAINING.get(self.drawn, "" if self.cell.variant else "randomised otherwise")
-        unusual = (w for w in self.cell.variant.split(", ") if w not in _TRAINING.values())
+        word = words.DRAWN.get(self.drawn, "" if self.cell.variant else "randomised otherwise")
+        unusual = (w for w in self.cell.variant.split(", ") if w not in words.DRAWN.values())
         shift = f"{self.cell.task.shift_mm:g} mm"
         return ", ".join(filter(None, (style(self.cell.method).label, shift, word, *unusual)))
 
@@ -68,7 +68,7 @@ def find(roots: Sequence[str | Path], cells: Sequence[Cell]) -> tuple[list[Trial
       Trials, held-out ones first, by training, method, task and shape, and a line for each table
       that is not used.
     """
-    owners = {run.described.resolve(): cell for cell in cells for run in cell.runs}
+    owners = {run.described.resolve(): cell for cell in longest(cells) for run in cell.runs}
     largest: dict[tuple[Path, bool], list[Row]] = {}
     skipped = []
     for path in sorted({path.resolve() for root in roots for path in Path(root).rglob("*.csv")}):
@@ -76,7 +76,7 @@ def find(roots: Sequence[str | Path], cells: Sequence[Cell]) -> tuple[list[Trial
             if rows := table.read(path):
                 run, held_out = _described(path), _is_held_out(path, rows)
                 if run is None or run not in owners:
-                    raise UserError(f"{path}: trials of no run that is shown")
+                    raise UserError(f"{path}: trials of no run that is shown, or of a shorter one")
                 others = largest.get((run, held_out), [])
                 largest[run, held_out] = max(others, rows, key=lambda r: sum(x.trials for x in r))
         except UserError as error:
@@ -85,7 +85,7 @@ def find(roots: Sequence[str | Path], cells: Sequence[Cell]) -> tuple[list[Trial
 
 
 def together(found: Sequence[Trials]) -> Trials:
-    """Trials of the policies of a cell on several shapes, as of one."""
+    """Trials on several shapes as of one; a seed is the same on all."""
     seeds, rows = np.unique(np.concatenate([each.seeds for each in found]), return_inverse=True)
     successes = np.concatenate([each.successes for each in found])
     trials = np.concatenate([each.trials for each in found])
@@ -97,13 +97,6 @@ def together(found: Sequence[Trials]) -> Trials:
     )
 
 
-def of_shapes(found: Sequence[Trials]) -> Estimate:
-    """Success rate on several shapes, each of which weighs the same."""
-    return statistics.mean_interval(
-        [t.successes / t.trials for t in found], [t.seeds for t in found]
-    )
-
-
 def _is_held_out(path: Path, rows: Sequence[Row]) -> bool:
     """Whether trials are under the held-out randomisation; they are of the run's own task if not.
 
@@ -112,13 +105,13 @@ def _is_held_out(path: Path, rows: Sequence[Row]) -> bool:
     """
     asked = set()
     for options in {row.options for row in rows}:
-        words = shlex.split(options)
+        given = shlex.split(options)
         for name in _NUMBER:
-            if name in words:
-                del words[words.index(name) : words.index(name) + 2]
-        asked.add(tuple(words))
+            if name in given:
+                del given[given.index(name) : given.index(name) + 2]
+        asked.add(tuple(given))
     if len(asked) > 1 or not asked <= {(), _HELD_OUT}:
-        said = "; ".join(" ".join(words) for words in sorted(asked))
+        said = "; ".join(" ".join(given) for given in sorted(asked))
         raise UserError(f"{path}: trials under conditions of their own ({said})")
     return asked == {_HELD_OUT}
 
@@ -154,5 +147,6 @@ def _summed(
 
 def _place(trials: Trials) -> tuple:
     cell = trials.cell
-    order = list(_TRAINING).index(trials.drawn) if trials.drawn in _TRAINING else len(_TRAINING)
+    drawn = [*words.DRAWN]
+    order = drawn.index(trials.drawn) if trials.drawn in drawn else len(drawn)
     return not trials.held_out, order, rank(cell.method), cell.variant, cell.task, trials.shape

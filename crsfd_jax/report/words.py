@@ -6,8 +6,9 @@ from typing import Any
 from crsfd_jax.options.names import show
 from crsfd_jax.options.randomisation import TRAINING, Randomisation
 
-_DRAWN = "randomisation."
-_KNOWN = {Randomisation(): "no randomisation", TRAINING: "randomised"}
+_PREFIX = "randomisation."
+DRAWN = {TRAINING: "randomised", Randomisation(): "no randomisation"}
+"""What the usual ranges are called."""
 _MOST = 3
 """Options that are named; dots stand for more."""
 
@@ -20,22 +21,22 @@ def in_words(changed: Mapping[str, Any], drawn: Randomisation) -> str:
     """
     if "smoke" in changed:
         return "smoke" if changed["smoke"] else "no smoke"
-    rest = {name: value for name, value in changed.items() if not name.startswith(_DRAWN)}
+    rest = {name: value for name, value in changed.items() if not name.startswith(_PREFIX)}
     words = _drawn(drawn) if len(rest) < len(changed) else []
     words += [_in_words(name, value) for name, value in rest.items()]
     return ", ".join(words[:_MOST]) + ", ..." * (len(words) > _MOST)
 
 
 def _drawn(drawn: Randomisation) -> list[str]:
-    if drawn in _KNOWN:
-        return [_KNOWN[drawn]]
+    if drawn in DRAWN:
+        return [DRAWN[drawn]]
     usual = vars(Randomisation())
     changed = (name for name, value in vars(drawn).items() if value != usual[name])
-    return [_in_words(f"{_DRAWN}{name}", getattr(drawn, name)) for name in changed]
+    return [_in_words(f"{_PREFIX}{name}", getattr(drawn, name)) for name in changed]
 
 
 def _in_words(name: str, value: Any) -> str:
-    return _WORDS[name](value) if name in _WORDS else f"{name.removeprefix(_DRAWN)} {show(value)}"
+    return _WORDS[name](value) if name in _WORDS else f"{name.removeprefix(_PREFIX)} {show(value)}"
 
 
 def _millimetres(metres: float) -> str:

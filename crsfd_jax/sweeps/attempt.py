@@ -56,6 +56,14 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
     Args:
       stopping: asked several times a second; once it is true, the runs save and end.
     """
+    try:
+        return _run_group(group, plan, stopping)
+    except OSError as error:
+        # Of a full disk or a log that cannot be opened; other groups go on.
+        return [CellResult(cell.name, "failed", (str(error),)) for cell in group]
+
+
+def _run_group(group: Group, plan: Plan, stopping: Stopping) -> list[CellResult]:
     plan.out.mkdir(parents=True, exist_ok=True)
     outcomes: list[CellResult] = []
     logs: dict[Cell, BinaryIO] = {}
@@ -67,10 +75,6 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
             log = stack.enter_context(state.claimed(state.log_path(plan.out, cell)))
             if log is not None and not _is_held(cell, plan):
                 logs[cell] = log
-                if not state.is_done(plan.out, cell):
-                    # Trials of a run that now goes on are not those of its policy; nor may there
-                    # be others than those that are asked for.
-                    run_folder.at(plan.out / cell.name).trials.unlink(missing_ok=True)
                 continue
             outcomes.append(CellResult(cell.name, "busy"))
             if log is not None:
@@ -98,7 +102,11 @@ def _run_to_end(cell: Cell, log: BinaryIO, plan: Plan, stopping: Stopping) -> Ce
 
     persist = functools.partial(_persist, cell, log, plan, stopping)
     outcome = persist(command_of((cell,), plan), is_trained)
-    return persist(trials_of(cell, plan), has_trials) if outcome.word == "done" else outcome
+    if outcome.word != "done" or has_trials():
+        return outcome
+    # Others than those that are asked for.
+    run_folder.at(plan.out / cell.name).trials.unlink(missing_ok=True)
+    return persist(trials_of(cell, plan), has_trials)
 
 
 def _persist(

@@ -84,7 +84,8 @@ def load(name: str, also: tuple[str, ...] = ()) -> Experiment:
     if twice:
         raise UserError(f"{path}: cell {twice[0]} is there more than once; keep one of them")
     description = (found["__doc__"] or path.stem).strip().splitlines()[0]
-    return Experiment(path.stem, description, cells, demos)
+    made = {str(file): tuple(map(str, words)) for file, words in demos.items()}
+    return Experiment(path.stem, description, cells, made)
 
 
 def available() -> list[Path]:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from crsfd_jax.errors import UserError
+from crsfd_jax.errors import STOPPED, UserError
 from crsfd_jax.progress import say
 from crsfd_jax.sweeps.cells import Cell, Experiment
 
@@ -39,4 +39,11 @@ def make(experiment: Experiment, cells: Iterable[Cell]) -> None:
             say(shlex.join(command))
             code = subprocess.run(command).returncode
         if code:
-            raise UserError(f"{file}: could not be made, see above; this experiment reads it", code)
+            refused = file.with_name(f"refused-{file.name}")
+            if file.exists():
+                file.rename(refused)
+            kept = f", and is kept as {refused}" if refused.exists() else ""
+            raise UserError(
+                f"{file}: could not be made, see above{kept}; this experiment reads it",
+                code if code > 0 else STOPPED,
+            )

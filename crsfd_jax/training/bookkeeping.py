@@ -114,9 +114,10 @@ def evaluated(run: Run, states: TrainState, agent: AgentState, played: Episodes)
             divergence.keep(run.folder.path, part, index, seed, run.env_steps, place)
             at.diverged[str(seed)] = run.env_steps
     lengths = np.asarray(played.length).mean(axis=1).tolist()
+    run.folder.trials.unlink(missing_ok=True)  # They are those of the policy before.
     policy.save(run.folder.policy, own(run, agent.actor))
     metrics.append(run.folder.metrics, standing.rows(run.config, at, lengths))
-    at.sums, at.chunks = {}, 0
+    at.sums = {}
 
 
 def save(run: Run, whole: TrainState) -> None:

@@ -20,11 +20,10 @@ from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
 from crsfd_jax.options import shapes
 from crsfd_jax.options.run_name import default_folder
+from crsfd_jax.options.schedule import CHUNK_STEPS, total_steps
 from crsfd_jax.training import chunk, devices, train_step
 from crsfd_jax.training.train_step import Learner, TrainState
 
-CHUNK_STEPS = 16
-"""Vector steps compiled as one program call; a signal is answered after at most one call."""
 _FRESH = 7_919
 """Keeps the keys of evaluation apart from those of training."""
 _QUICK_COMPILE = {"xla_backend_optimization_level": 1}
@@ -60,26 +59,19 @@ def fitted(config: Config, begun: Config | None = None) -> Config:
     """The configuration with the sizes that a run really uses.
 
     The buffer need not hold more than the run makes, and a run that goes on with more steps keeps
-    the one that it has unless it is told another; the folder gets a name.
+    the one that it has unless it is told another than it was told at first; the folder gets a name.
 
     Args:
       begun: the options of the run that the folder holds.
     """
-    capacity = min(config.replay.capacity, total_steps(config) * config.envs)
-    if begun and config.replay.capacity == Replay().capacity:
+    asked = config.replay.capacity
+    capacity = min(asked, total_steps(config) * config.envs)
+    if begun and begun.replay.capacity == min(asked, total_steps(begun) * begun.envs):
+        capacity = begun.replay.capacity
+    if begun and asked == Replay().capacity:
         capacity = begun.replay.capacity
     replay = dataclasses.replace(config.replay, capacity=capacity)
     return dataclasses.replace(config, replay=replay, out=default_folder(config))
-
-
-def total_steps(config: Config) -> int:
-    """Vector steps of a run: as many whole chunks as reach its environment steps."""
-    return -(-config.steps // (config.envs * CHUNK_STEPS)) * CHUNK_STEPS
-
-
-def evaluation_period(config: Config) -> int:
-    """Vector steps between two evaluations: the nearest number of whole chunks."""
-    return max(1, round(config.evaluation.every / (config.envs * CHUNK_STEPS))) * CHUNK_STEPS
 
 
 def build(configs: Sequence[Config], demos: Demonstrations) -> Program:

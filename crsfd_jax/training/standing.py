@@ -12,6 +12,9 @@ from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.training import troubles
 
+_FORMER = {"chunks"}
+"""What checkpoints of earlier versions hold besides."""
+
 
 @dataclasses.dataclass
 class Standing:
@@ -23,8 +26,6 @@ class Standing:
     """Time spent in all sessions of the run."""
     sums: dict[str, list[float]] = dataclasses.field(default_factory=dict)
     """Training metrics added up since the last evaluation, a number for each seed."""
-    chunks: int = 0
-    """Chunks in `sums`."""
     success: list[float] = dataclasses.field(default_factory=list)
     """Newest success rate of each seed."""
     diverged: dict[str, int] = dataclasses.field(default_factory=dict)
@@ -37,6 +38,7 @@ def from_saved(values: Mapping[str, Any]) -> Standing:
     Raises:
       UserError: it holds something unknown.
     """
+    values = {name: value for name, value in values.items() if name not in _FORMER}
     unknown = values.keys() - {field.name for field in dataclasses.fields(Standing)}
     if unknown:
         raise UserError(
@@ -51,11 +53,12 @@ def add_up(at: Standing, values: Mapping[str, jax.Array]) -> None:
     for name, value in values.items():
         old = at.sums.get(name, [0.0] * len(value))
         at.sums[name] = [a + float(b) for a, b in zip(old, np.asarray(value), strict=True)]
-    at.chunks += 1
 
 
 def rows(config: Config, at: Standing, lengths: Sequence[float]) -> list[dict[str, float]]:
     """A row of metrics.csv for each seed, from the newest evaluation and the sums before it.
+
+    What there was none of has no rate and no average: NaN.
 
     Args:
       lengths: mean episode length of each seed in the evaluation.
@@ -64,7 +67,7 @@ def rows(config: Config, at: Standing, lengths: Sequence[float]) -> list[dict[st
     for i in range(config.seeds):
         sums = {name: values[i] for name, values in at.sums.items()}
         episodes, successes = sums.pop("episodes", 0.0), sums.pop("successes", 0.0)
-        nonfinite = sums.pop("nonfinite", 0.0)
+        nonfinite, learned = sums.pop("nonfinite", 0.0), sums.pop("learned", 0.0)
         limits = {name: sums.pop(name.removeprefix("env/"), math.nan) for name in troubles.LIMITS}
         made.append(
             {
@@ -73,14 +76,18 @@ def rows(config: Config, at: Standing, lengths: Sequence[float]) -> list[dict[st
                 "eval/success_rate": at.success[i],
                 "eval/episode_length": lengths[i],
                 "eval/episodes": config.evaluation.episodes,
-                "train/success_rate": successes / max(episodes, 1.0),
+                "train/success_rate": _share(successes, episodes),
                 "train/episodes": episodes,
                 "train/diverged": float(str(config.seed + i) in at.diverged),
                 "env/nonfinite": nonfinite,
                 **limits,
-                **{f"train/{name}": value / at.chunks for name, value in sums.items()},
+                **{f"train/{name}": _share(value, learned) for name, value in sums.items()},
                 "time/wall_s": at.wall_s,
                 "time/env_steps_per_second": env_steps * config.seeds / max(at.wall_s, 1e-9),
             }
         )
     return made
+
+
+def _share(value: float, whole: float) -> float:
+    return value / whole if whole else math.nan

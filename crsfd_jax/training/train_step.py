@@ -18,6 +18,7 @@ from crsfd_jax.env import Env, EnvState, Outcome
 from crsfd_jax.learn import networks, replay, sac
 from crsfd_jax.learn.replay import Batch
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.options.schedule import warmup_steps
 from crsfd_jax.types import Transition
 
 
@@ -49,7 +50,7 @@ def make(env: Env, method: Method, config: Config) -> Learner:
     """The learner of a method on an environment."""
     config = method.configure(config)
     nets = networks.make_networks(config.sac, ACTION_SIZE)
-    warmup = -(-config.sac.warmup_steps // config.envs)
+    warmup = warmup_steps(config)
 
     def init(key: jax.Array, preparation: Preparation) -> TrainState:
         agent_key, method_key, env_key, age_key, key = jax.random.split(key, 5)
@@ -80,9 +81,9 @@ def make(env: Env, method: Method, config: Config) -> Learner:
         idle = jax.tree.map(jnp.zeros_like, jax.eval_shape(learn, state, step, learn_key)[1])
         state, losses = jax.lax.cond(
             step < warmup,
-            lambda state, *_: (state, idle),
-            learn,
-            *(state, step, learn_key),
+            lambda state: (state, idle),
+            lambda state: learn(state, step, learn_key),
+            state,
         )
         return state, {**losses, **tally}
 
@@ -133,7 +134,8 @@ def _learn(nets, method, config, state, step, key):
     buffer = replay.reprioritise(state.replay, draw, td_error, config.replay)
     metrics = {**metrics, "demo_share": jnp.mean(batches.is_demo, dtype=jnp.float32)}
     state = state.replace(agent=agent, prepared=prepared, replay=buffer)
-    return state, jax.tree.map(jnp.mean, metrics)
+    # Averaged together with the zeros of the steps of warm-up, it is the share of the others.
+    return state, {**jax.tree.map(jnp.mean, metrics), "learned": jnp.float32(1.0)}
 
 
 def _scaled(batch: Batch, scale: float) -> Batch:

@@ -22,7 +22,8 @@ def judge(
 
     Args:
       success: final rate of each seed.
-      diverged: seed -> environment steps at which it was found diverged; it does not count.
+      diverged: seed -> environment steps at which it was found diverged; it does not count, but
+        has failed where there is a target.
     """
     seeds = [str(config.seed + i) for i in range(config.seeds)]
     counted = [rate for seed, rate in zip(seeds, success, strict=True) if seed not in diverged]
@@ -40,6 +41,6 @@ def judge(
     )
     if not config.target:
         return Verdict(line, DONE)
-    missed = successes < config.target * trials
+    missed = successes / (episodes * config.seeds) < config.target
     word = "missed" if missed else "reached"
     return Verdict(f"{line}, target {config.target:g} {word}", MISSED if missed else DONE)

@@ -6,7 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
 from crsfd_jax import compile_cache, extras, shown_potential
+from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.viewer import drawing, live, panel, potential_map, session
 
@@ -38,16 +41,26 @@ def opened(
 
     loaded = live.load(run)
     wanted = live.task_of(loaded, shape, shift)
-    phi, _ = shown_potential.fit(loaded.config)
+    picture = _potential(loaded.config)
     # Browsers open connections in advance and drop them, which is no error.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     server: Any = viser.ViserServer(host=host, port=port, label="crsfd_jax", verbose=False)
     try:
-        drawn = drawing.make(server, loaded.scene, wanted.shape, potential_map.over_mouth(phi))
+        drawn = drawing.make(server, loaded.scene, wanted.shape, picture)
         controls = panel.make(server, loaded, wanted)
         yield session.start(loaded, drawn, controls, loaded.config.seed)
     finally:
         server.stop()
+
+
+def _potential(options: Config) -> np.ndarray:
+    """The potential at the mouth; nothing where its demonstrations are gone, and a line says so."""
+    try:
+        phi, _ = shown_potential.fit(options)
+    except UserError as error:
+        print(f"no potential is shown: {error}", flush=True)
+        return potential_map.over_mouth(lambda poses: np.zeros(poses.shape[:-1]))
+    return potential_map.over_mouth(phi)
 
 
 def hint(host: str, port: int) -> str:

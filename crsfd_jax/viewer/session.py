@@ -39,6 +39,8 @@ class Session:
     age: int = 0
     played: int = 0
     inserted: int = 0
+    counted: tuple = ()
+    """What the episodes that are counted were of."""
     was_by_hand: bool = False
     tape: Tape = dataclasses.field(default_factory=Tape)
     message: str = ""
@@ -141,6 +143,8 @@ def _end_if_over(session: Session, taken: Step, sleep: Sleep) -> None:
         longest = hand.LONGEST
     if not (is_inserted or is_broken or session.age >= longest):
         return
+    if session.counted != (who := _who(session)):
+        session.counted, session.played, session.inserted = who, 0, 0
     session.played, session.inserted = session.played + 1, session.inserted + is_inserted
     if is_broken:
         session.tape.steps.clear()
@@ -150,6 +154,12 @@ def _end_if_over(session: Session, taken: Step, sleep: Sleep) -> None:
     _begin(session)
 
 
+def _who(session: Session) -> tuple:
+    """The task, and what moves the arm."""
+    by_hand = session.panel.by_hand.value
+    return session.task, by_hand or session.panel.seed.value
+
+
 def _report(session: Session, ending: str = "") -> None:
     mode = (
         "by hand" if session.panel.by_hand.value else f"policy of seed {session.panel.seed.value}"
@@ -157,8 +167,9 @@ def _report(session: Session, ending: str = "") -> None:
     lines = [
         f"Shape {session.task.shape.partition('=')[0]}, {mode}, "
         f"{session.age * CONTROL_DT:.1f} s {ending}",
-        f"inserted {session.inserted} of {session.played} episodes",
     ]
+    if session.counted == _who(session):
+        lines.append(f"inserted {session.inserted} of {session.played} episodes")
     if session.tape.is_running or session.tape.episodes:
         running = "recording, " if session.tape.is_running else ""
         lines.append(f"{running}{len(session.tape.episodes)} episodes recorded")
@@ -181,8 +192,7 @@ def _on_recording(session: Session, _: Any) -> None:
         tape.cut()
         return
     controls.paused.value = False
-    _hold_recording(session)
-    session.task = panel.task(controls)
+    _apply_task(session)
     _begin(session)
 
 

@@ -1,0 +1,75 @@
+"""How the paper's claims are listed: on the page, and as a table of Markdown to read beside it."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from crsfd_jax.report import html
+from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, RULE, Claim
+
+FILE = "claims.md"
+_SHOWN = 4
+"""Comparisons of a claim that are not folded away."""
+_KINDS = {FAILS: "fails", OPEN: "open", HOLDS: "holds"}
+"""Style of each verdict, those that decide a claim first."""
+_SEVERAL = {FAILS: "do not hold", OPEN: "undecided", HOLDS: "hold"}
+
+
+def section(claims: Sequence[Claim]) -> str:
+    """A part of the page: verdict, claim and the numbers that decide."""
+    rows = []
+    for claim in claims:
+        mark = f'<td class="verdict {_KINDS[claim.verdict]}">{claim.verdict}</td>'
+        rows.append(f"<tr>{mark}<td>{html.escape(claim.statement)}{_folded(claim)}</td></tr>")
+    body = "\n".join(rows)
+    return html.section(
+        "Claims of the paper",
+        html.paragraph(RULE, "quiet"),
+        f"<table><thead><tr><th>verdict</th><th>claim and the numbers that decide</th></tr></thead>"
+        f"<tbody>{body}</tbody></table>",
+    )
+
+
+def markdown(claims: Sequence[Claim]) -> str:
+    """A document with a row for each claim and every comparison below."""
+    rows = [f"| {c.verdict} | {c.statement} | {_counted(c)} |" for c in claims]
+    each = [
+        line
+        for claim in claims
+        for line in ("", f"## {claim.statement}", "", f"**{claim.verdict}**", "", *_bullets(claim))
+    ]
+    top = [
+        "# Claims of the paper",
+        "",
+        RULE,
+        "",
+        "| verdict | claim | comparisons |",
+        "|---|---|---|",
+    ]
+    return "\n".join([*top, *rows, *each]) + "\n"
+
+
+def _bullets(claim: Claim) -> list[str]:
+    return [f"- {line}" for line in _lines(claim)]
+
+
+def _folded(claim: Claim) -> str:
+    """The numbers; of many, a few that decide and the whole list folded away."""
+    lines = _lines(claim)
+    if len(lines) <= _SHOWN:
+        return html.bullets(lines)
+    deciding = [line for line in lines if line.startswith(claim.verdict)]
+    shown = html.bullets(deciding[:_SHOWN]) if claim.verdict != HOLDS else ""
+    title = f"all {len(lines)} comparisons: {_counted(claim)}"
+    return shown + html.folded(title, html.bullets(lines))
+
+
+def _lines(claim: Claim) -> list[str]:
+    """A line for each comparison, those that decide first."""
+    parts = sorted(claim.parts, key=lambda part: [*_KINDS].index(part.verdict))
+    return [f"{part.verdict}: {part.numbers}" for part in parts]
+
+
+def _counted(claim: Claim) -> str:
+    """Such as 20 do not hold, 8 undecided, 4 hold."""
+    counts = Counter(part.verdict for part in claim.parts)
+    return ", ".join(f"{counts[v]} {words}" for v, words in _SEVERAL.items() if counts[v])
