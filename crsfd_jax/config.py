@@ -84,6 +84,9 @@ class Sac:
     """Factor on all rewards that are learned from, potentials included; priorities are without."""
     tau: PositiveRate = 0.005
     """Polyak rate of the target critics."""
+    actor_tau: Annotated[float, Interval(0, 1, open="low")] = 0.005
+    """Polyak rate of the averaged actor, which is evaluated and kept; 1 for the actor that learns,
+    as it is."""
     batch_size: Annotated[int, Interval(1, 65_536)] = 128
     """Transitions in a gradient update."""
     updates_per_step: Annotated[int, Interval(1, 10_000)] = 16
@@ -216,7 +219,7 @@ def from_dict(values: Mapping[str, Any]) -> Config:
       UserError: an option is unknown, or its value is of another kind.
     """
     if isinstance(sac := values.get("sac"), Mapping):
-        values = {**values, "sac": {"reward_scale": 1.0, **sac}}
+        values = {**values, "sac": {"reward_scale": 1.0, "actor_tau": 1.0, **sac}}
     return _rebuild(Config, values)
 
 

@@ -177,13 +177,14 @@ def test_the_engine_and_the_target_may_change_when_a_run_goes_on(tmp_path, caplo
     assert artefacts.read_config(tmp_path / "run") == changed
 
 
-def test_rewards_were_as_they_are_before_their_scale_could_be_chosen(tmp_path):
+def test_an_option_that_is_younger_than_a_run_is_read_as_what_was_done_then(tmp_path):
     enter(tmp_path / "run")
     file = tmp_path / "run" / "config.json"
     manifest = json.loads(file.read_text())
-    del manifest["config"]["sac"]["reward_scale"]
+    del manifest["config"]["sac"]["reward_scale"], manifest["config"]["sac"]["actor_tau"]
     file.write_text(json.dumps(manifest))
-    assert artefacts.read_config(tmp_path / "run").sac.reward_scale == 1.0
+    before = artefacts.read_config(tmp_path / "run").sac
+    assert (before.reward_scale, before.actor_tau) == (1.0, 1.0)
 
 
 def test_an_option_that_the_folder_does_not_know_yet_had_its_default(tmp_path):

@@ -167,7 +167,8 @@ def test_recording_is_refused_where_a_replay_could_not_follow():
 
 
 def test_the_expert_learns_from_the_dense_reward_as_it_is():
-    assert record.training_options(Record()).sac.reward_scale == 1.0
+    options = record.training_options(Record()).sac
+    assert (options.reward_scale, options.actor_tau) == (1.0, 1.0)
 
 
 def test_the_buffer_of_the_expert_holds_all_of_its_steps():

@@ -147,6 +147,25 @@ def test_target_critic_moves_towards_the_new_critic_by_tau(agent, tau):
         np.testing.assert_allclose(moved, (1 - tau) * target + tau * critic, atol=1e-6)
 
 
+def test_the_averaged_actor_follows_the_actor_and_nothing_follows_it(agent, batch):
+    """Over three updates; with a rate of 1 it is the actor."""
+    found = {}
+    for rate in (0.25, 1.0):
+        config = dataclasses.replace(CONFIG, sac=dataclasses.replace(CONFIG.sac, actor_tau=rate))
+        state, expected = agent, agent.actor
+        for i in range(3):
+            state, _, _ = UPDATE(NETWORKS, state, batch, jax.random.key(i), config)
+            expected = jax.tree.map(
+                lambda old, new, rate=rate: (1 - rate) * old + rate * new, expected, state.actor
+            )
+        jax.tree.map(
+            lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), state.average_actor, expected
+        )
+        found[rate] = state.replace(average_actor=())
+    jax.tree.map(np.testing.assert_array_equal, found[0.25], found[1.0])
+    jax.tree.map(np.testing.assert_array_equal, state.average_actor, state.actor)
+
+
 def test_first_step_moves_every_parameter_by_the_learning_rate_against_its_gradient(agent, batch):
     new, _, _ = UPDATE(NETWORKS, agent, batch, jax.random.key(8), CONFIG)
     for old, moved in ((agent.actor, new.actor), (agent.critic, new.critic)):

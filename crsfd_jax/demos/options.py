@@ -36,8 +36,8 @@ class Record:
     """Environments."""
     scene: Scene = field(default_factory=Scene)
     mdp: Mdp = field(default_factory=Mdp)
-    sac: Sac = field(default_factory=lambda: Sac(reward_scale=1.0))
-    """The dense reward has a size of its own."""
+    sac: Sac = field(default_factory=lambda: Sac(reward_scale=1.0, actor_tau=1.0))
+    """The dense reward has a size of its own, and training stops at the first good actor."""
 
 
 @dataclass(frozen=True)

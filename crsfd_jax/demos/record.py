@@ -51,7 +51,7 @@ def train_expert(options: Record, report=lambda env_steps, success: None) -> Exp
     while actor is None or (step * run.envs < run.steps and success < options.enough):
         states, _ = advance(states, jnp.int32(step))
         step += length
-        actor = jax.tree.map(lambda leaf: leaf[0], states.agent.actor)
+        actor = jax.tree.map(lambda leaf: leaf[0], states.agent.average_actor)
         key = jax.random.fold_in(evaluation_key, step)
         played = measure(env, learner.nets, actor, key, run.evaluation.episodes)
         success = float(np.asarray(played.success).mean())

@@ -33,6 +33,9 @@ class AgentState:
     """Everything the learner changes."""
 
     actor: Params
+    average_actor: Params
+    """Follows the actor as the target critic follows the critic. Nothing learns from it: it is what
+    is evaluated and kept, because the actor of a single update may happen to be a bad one."""
     critic: Params
     target_critic: Params
     log_alpha: jax.Array
@@ -40,7 +43,7 @@ class AgentState:
 
 
 def init(networks: Networks, obs_size: int, key: jax.Array, config: Config) -> AgentState:
-    """Fresh parameters; the target critic starts as a copy of the critic."""
+    """Fresh parameters; target critic and averaged actor start as copies of critic and actor."""
     actor_key, critic_key = jax.random.split(key)
     obs, action = jnp.zeros(obs_size), jnp.zeros(networks.actor.action_size)
     actor = networks.actor.init(actor_key, obs)
@@ -48,6 +51,7 @@ def init(networks: Networks, obs_size: int, key: jax.Array, config: Config) -> A
     log_alpha = jnp.log(jnp.asarray(config.sac.initial_alpha, jnp.float32))
     return AgentState(
         actor=actor,
+        average_actor=jax.tree.map(jnp.copy, actor),
         critic=critic,
         target_critic=jax.tree.map(jnp.copy, critic),
         log_alpha=log_alpha,
@@ -170,8 +174,10 @@ def apply_gradients(agent: AgentState, gradients: tuple, config: Config) -> Agen
     updates, optimiser = _optimiser(config).update(gradients, agent.optimiser)
     actor, critic, log_alpha = cast(tuple, optax.apply_updates(params, updates))
     target_critic = optax.incremental_update(critic, agent.target_critic, config.sac.tau)
+    average_actor = optax.incremental_update(actor, agent.average_actor, config.sac.actor_tau)
     return AgentState(
         actor=actor,
+        average_actor=average_actor,
         critic=critic,
         target_critic=target_critic,
         log_alpha=log_alpha,

@@ -57,6 +57,9 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "scene.clearance": lambda metres: f"clearance {_millimetres(metres)}",
     "randomisation.socket_yaw": _turned,
     "sac.gamma": lambda gamma: f"gamma_k {gamma:g}",
+    "sac.actor_tau": lambda tau: (
+        "newest actor" if tau == 1 else f"actor averaged with rate {tau:g}"
+    ),
     "sac.initial_alpha": lambda alpha: f"temperature {alpha:g} at the start",
     "sac.reward_scale": lambda scale: f"rewards times {scale:g}",
     "potential.gamma": lambda gamma: f"gamma_0 {gamma:g}",

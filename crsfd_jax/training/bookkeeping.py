@@ -115,7 +115,7 @@ def evaluated(run: Run, states: TrainState, agent: AgentState, played: Episodes)
             at.diverged[str(seed)] = run.env_steps
     lengths = np.asarray(played.length).mean(axis=1).tolist()
     run.folder.trials.unlink(missing_ok=True)  # They are those of the policy before.
-    policy.save(run.folder.policy, own(run, agent.actor))
+    policy.save(run.folder.policy, own(run, agent.average_actor))
     metrics.append(run.folder.metrics, standing.rows(run.config, at, lengths))
     at.sums = {}
 

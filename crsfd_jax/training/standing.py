@@ -12,9 +12,6 @@ from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.training import troubles
 
-_FORMER = {"chunks"}
-"""What checkpoints of earlier versions hold besides."""
-
 
 @dataclasses.dataclass
 class Standing:
@@ -38,7 +35,6 @@ def from_saved(values: Mapping[str, Any]) -> Standing:
     Raises:
       UserError: it holds something unknown.
     """
-    values = {name: value for name, value in values.items() if name not in _FORMER}
     unknown = values.keys() - {field.name for field in dataclasses.fields(Standing)}
     if unknown:
         raise UserError(

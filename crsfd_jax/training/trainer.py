@@ -103,11 +103,11 @@ def run(
             clock = bookkeeping.share_time(runs, clock)
             if step % evaluation_period(first.config) == 0 or step == total_steps(first.config):
                 agent = devices.collect(states.agent)
-                played = program.evaluate(states.agent.actor, np.int32(first.env_steps))
+                played = program.evaluate(states.agent.average_actor, np.int32(first.env_steps))
                 played = devices.collect(played)
                 for each, watch in zip(runs, watchers, strict=True):
                     bookkeeping.evaluated(each, states, agent, played)
-                    watch(agent.actor)
+                    watch(agent.average_actor)
             show(first.env_steps, [rate for each in runs for rate in each.at.success])
             due = devices.is_first() and save_is_due(save_s, time.monotonic() - saved_at)
             if devices.any_of(due) and not _are_over(runs):
@@ -194,7 +194,7 @@ def _compiled(program: Program, states: TrainState) -> Program:
     say("compiling one chunk of training steps and the evaluation ...")
     began = time.monotonic()
     advance = program.advance.lower(states, np.int32(0)).compile()
-    evaluate = program.evaluate.lower(states.agent.actor, np.int32(0)).compile()
+    evaluate = program.evaluate.lower(states.agent.average_actor, np.int32(0)).compile()
     say(f"compiled  in {time.monotonic() - began:.1f} s")
     return program._replace(advance=advance, evaluate=evaluate)
 
