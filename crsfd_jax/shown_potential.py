@@ -26,8 +26,8 @@ def fit(config: Config) -> tuple[Phi, np.ndarray]:
     The random numbers are not those of a seed of the run.
 
     Returns:
-      The potential, and positions [K, T, 3] of the tip in the demonstrations, m, NaN after the
-      end of an episode.
+      The potential, and poses [K, T, 6] of the tip in the demonstrations, NaN after the end of an
+      episode.
 
     Raises:
       UserError: the demonstrations cannot be used.
@@ -46,10 +46,9 @@ def fit(config: Config) -> tuple[Phi, np.ndarray]:
 
 
 def tracks(demos: Demonstrations) -> np.ndarray:
-    """Tip positions [K, T, 3] of the episodes, m, NaN after the end of each."""
-    tip = demos.obs[:, TIP_POSE][:, :3] * POSE_SCALE[:3]
-    last = demos.next_obs[:, TIP_POSE][:, :3] * POSE_SCALE[:3]
-    found = np.full((len(demos.episode_length), demos.episode_length.max() + 1, 3), np.nan)
+    """Tip poses [K, T, 6] of the episodes, m and rad, NaN after the end of each."""
+    tip, last = (obs[:, TIP_POSE] * POSE_SCALE for obs in (demos.obs, demos.next_obs))
+    found = np.full((len(demos.episode_length), demos.episode_length.max() + 1, 6), np.nan)
     ends = np.cumsum(demos.episode_length)
     for row, end, length in zip(found, ends, demos.episode_length, strict=True):
         row[:length], row[length] = tip[end - length : end], last[end - 1]

@@ -43,8 +43,10 @@ def collect(run: RunFolder) -> Path:
 class Collect:
     """Copies the tables and options of runs to experiments/results/."""
 
-    runs: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders of runs, or with runs in them."""
+    folder: tyro.conf.Positional[Path]
+    """Folder of a run, or with runs in it."""
+    others: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """More of them."""
 
 
 def main(argv: list[str]) -> None:
@@ -54,7 +56,7 @@ def main(argv: list[str]) -> None:
       UserError: a folder holds none.
     """
     options = cli.parse(Collect, argv)
-    for folder in options.runs:
+    for folder in (options.folder, *options.others):
         found = sorted(folder.rglob("config.json"))
         if not found:
             raise UserError(f"{folder}: no run in it; give the folder of a run or one with runs")

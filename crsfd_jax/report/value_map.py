@@ -1,5 +1,6 @@
 """Pictures of the potential that shapes CRSfD's rewards, with the demonstrations drawn in."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -26,40 +27,69 @@ _LEVELS = np.linspace(0, 1, 21)
 def draw_of(cells: Sequence[Cell], path: Path) -> str:
     """Draws the potential of CRSfD's usual runs among cells, or of any, or of default options.
 
+    Of several, that of the largest shift; beside it the one that is fitted at the nominal place.
+
     Returns:
       What the picture shows, in words.
 
     Raises:
       UserError: their demonstrations cannot be used.
     """
-    ours = sorted((c for c in cells if c.method == "crsfd"), key=lambda c: bool(c.variant))
+    ours = [cell for cell in cells if cell.method == "crsfd"]
+    ours.sort(key=lambda cell: (bool(cell.variant), -cell.task.shift_mm))
     config = ours[0].runs[0].manifest.config if ours else Config()
-    draw(*shown_potential.fit(config), path)
+    at_nominal = dataclasses.replace(config.potential, spread=0.0)
+    nominal, _ = shown_potential.fit(dataclasses.replace(config, potential=at_nominal))
+    phi, demos = shown_potential.fit(config)
+    draw(phi, demos, nominal, path)
+    gamma = config.sac.gamma
     return (
         "The potential that shapes the rewards, fitted as in training with a shift of "
-        f"{config.shift * 1e3:g} mm, for a tip at rest in the frame of the nominal socket. "
-        "Orange: tip of the demonstrations, seen from above and from the side, with a dot at the "
-        "end. Squares: where the socket's centre may lie at shifts of 4, 6 and 8 mm. Hatched: out "
-        "of reach whichever of them it is."
+        f"{config.shift * 1e3:g} mm, for a tip at rest in the frame of the nominal socket. In the "
+        "middle and dashed: fitted where the demonstrations are, as in the paper. Orange: tip of "
+        "the demonstrations, seen from above and from the side, with a dot at the end. Squares: "
+        "where the socket's centre may lie at shifts of 4, 6 and 8 mm. Hatched: out of reach "
+        "whichever of them it is. Of the demonstrated steps "
+        f"{rewarded(phi, demos, gamma):.0%} earn a positive shaping reward with gamma_k {gamma:g}, "
+        f"with the dashed potential {rewarded(nominal, demos, gamma):.0%}, and with gamma_k as low "
+        f"as gamma_0, {config.potential.gamma:g}, "
+        f"{rewarded(nominal, demos, config.potential.gamma):.0%}."
     )
 
 
-def draw(phi: Phi, demos: np.ndarray, path: Path) -> None:
+def rewarded(phi: Phi, demos: np.ndarray, gamma: float) -> float:
+    """Share of the demonstrated steps with gamma Phi(s') - Phi(s) above 0 (Guo et al., theorem 1).
+
+    Args:
+      demos: [K, T, 6] tip poses, as from `shown_potential.tracks`.
+    """
+    values = phi(demos)
+    gained = gamma * values[:, 1:] - values[:, :-1]
+    return float((gained > 0).sum() / np.isfinite(gained).sum())
+
+
+def draw(phi: Phi, demos: np.ndarray, nominal: Phi, path: Path) -> None:
     """Writes the socket plane, a vertical cut and three profiles as PNG.
 
     Args:
-      demos: [K, T, 3] tip positions, as from `shown_potential.tracks`.
+      demos: [K, T, 6] tip poses, as from `shown_potential.tracks`.
+      nominal: the potential of the nominal place, to compare with.
     """
-    canvas = matplotlib.figure.Figure((10.5, 7.4), layout="constrained")
+    canvas = matplotlib.figure.Figure((14, 7.4), layout="constrained")
     halves: Any = canvas.subfigures(2, 1, height_ratios=(1.75, 1))
-    plane, cut = halves[0].subplots(1, 2)
-    _draw_plane(plane, phi, demos)
-    shown = _draw_cut(cut, phi, demos)
+    above = halves[0].subplots(1, 3)
+    _draw_plane(above[0], phi, demos, "plane of the mouth, peg upright")
+    _draw_plane(above[1], nominal, demos, "the same, fitted at the nominal place alone")
+    shown = _draw_cut(above[2], phi, demos)
     ticks = np.linspace(0, 1, 6)
-    halves[0].colorbar(shown, ax=[plane, cut], label="potential", shrink=0.9, ticks=ticks)
+    halves[0].colorbar(shown, ax=above.tolist(), label="potential", shrink=0.9, ticks=ticks)
     profiles = halves[1].subplots(1, len(PROFILES), sharey=True)
     for axes, (title, unit, along) in zip(profiles, PROFILES, strict=True):
-        _draw_profile(axes, phi, title, unit, along)
+        _draw_profile(axes, nominal, along, "--")
+        _draw_profile(axes, phi, along, "-")
+        axes.set_title(title, fontsize=10.5)
+        axes.set_xlabel(unit, fontsize=10)
+    profiles[0].set_ylabel("potential", fontsize=10)
     save(canvas, path)
 
 
@@ -85,7 +115,7 @@ def _grid(across: np.ndarray, axis: int, up: np.ndarray) -> np.ndarray:
     return poses
 
 
-def _draw_plane(axes: Axes, phi: Phi, demos: np.ndarray) -> None:
+def _draw_plane(axes: Axes, phi: Phi, demos: np.ndarray, title: str) -> None:
     side = np.linspace(-_SIDE, _SIDE, _PIXELS)
     values = phi(_grid(side, 1, side))
     axes.contourf(side * 1e3, side * 1e3, values, _LEVELS, cmap="Blues")
@@ -98,7 +128,7 @@ def _draw_plane(axes: Axes, phi: Phi, demos: np.ndarray) -> None:
         "socket offsets: 4, 6, 8 mm squares", (4, -4), (27, -27), ha="right", fontsize=8.5,
         arrowprops={"arrowstyle": "-", "lw": 0.7}, bbox=_PAPER,
     )  # fmt: skip
-    _finish(axes, "plane of the mouth, peg upright", "y, mm")
+    _finish(axes, title, "y, mm")
 
 
 def _draw_cut(axes: Axes, phi: Phi, demos: np.ndarray):
@@ -138,12 +168,8 @@ def _finish(axes: Axes, title: str, vertical: str) -> None:
     axes.tick_params(labelsize=9)
 
 
-def _draw_profile(axes: Axes, phi: Phi, title: str, unit: str, along) -> None:
+def _draw_profile(axes: Axes, phi: Phi, along, dashes: str) -> None:
     factor, axis, poses = along
-    axes.plot(poses[:, axis] * factor, phi(poses), color="#0072B2", linewidth=2)
+    axes.plot(poses[:, axis] * factor, phi(poses), dashes, color="#0072B2", linewidth=2)
     clean(axes)
-    axes.set_title(title, fontsize=10.5)
-    axes.set_xlabel(unit, fontsize=10)
     axes.set_ylim(0, 1.03)
-    if axis == 0:
-        axes.set_ylabel("potential", fontsize=10)

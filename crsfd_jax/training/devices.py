@@ -27,7 +27,7 @@ def describe(config: Config) -> str:
     """Devices and engine of a run in words."""
     found = jax.devices()
     kind = found[0].device_kind
-    cores = f", {os.cpu_count()} cores" if jax.default_backend() == "cpu" else ""
+    cores = f", {len(os.sched_getaffinity(0))} cores" if jax.default_backend() == "cpu" else ""
     return f"{len(found)} x {kind}{cores}, engine {select.resolve(config.engine)}"
 
 

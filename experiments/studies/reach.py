@@ -52,7 +52,7 @@ def main(argv: list[str]) -> None:
     options = cli.parse(Reach, argv)
     compile_cache.enable()
     for run in (options.run, *options.others):
-        around, success, _ = search.play(run, HELD_OUT)
+        around, success, *_ = search.play(run, HELD_OUT)
         distance = np.abs(perceived(around)).max(axis=-1)
         print(f"{run.name}: {success.mean():.3f}; by distance, its edges in mm {EDGES[:-1] * 1e3}")
         for words, chosen in (("low", around.friction < 1), ("high", around.friction > 1)):

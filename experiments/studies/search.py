@@ -1,20 +1,19 @@
-"""Where do trained policies find a moved hole, and where do they look for it?
+"""Where do trained policies find a moved hole, where do they look for it, how hard do they push?
 
 Hypothesis: a potential draws the peg back to the nominal place, so that CRSfD misses the far
-corners of the square more often than SACfD does. Not so, with the potential averaged over the
-places of the hole (5 seeds, 1,000 episodes each, 2026-11-25, 2 CPU cores): from the nominal place
-outwards CRSfD finds 1.000, 0.999, 0.987, 0.915 of the holes, SACfD 0.993, 0.997, 0.997, 0.921
-(reward scale 1, docs/results/scale1/search.png).
+corners of the square more often than SACfD does.
 
     python experiments/studies/search.py search.png \\
-        runs/setting2/crsfd-shape2-shift8mm-seed5x5 runs/setting2/sacfd-shape2-shift8mm-seed5x5
+        runs/setting2/crsfd-shape2-shift8mm-seed0x5 runs/setting2/sacfd-shape2-shift8mm-seed0x5
 
-For each run, from its shift: success by the distance of the hole from its nominal place, a map of
-success over where the hole is, and of where the tip is while it touches the plane of the mouth.
+For each run, from its shift: success by the distance of the hole from its nominal place, the share
+of steps on the plate and the push there, a map of success over where the hole is, and of where the
+tip is while it touches the plane of the mouth. What came out is in docs/method.md.
 """
 
 import dataclasses
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +24,7 @@ from matplotlib.axes import Axes
 
 from crsfd_jax import cli, compile_cache, task
 from crsfd_jax.learn.networks import mode_action
+from crsfd_jax.observation import SCALE
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.physics.interface import Surroundings
 from crsfd_jax.storage import trained
@@ -34,14 +34,25 @@ EPISODES = 1000
 TOUCHES = 1.5e-3
 """m above the mouth or below it: the tip is on the plate."""
 BINS = 6
+STIFFNESS, STRONGEST = 1000.0, 10.0
+"""N/m and N, of the controller along z (mjcf/insertion.xml)."""
 
 
-def play(
-    run: Path, arm: Randomisation | None = None
-) -> tuple[Surroundings, np.ndarray, np.ndarray]:
-    """Surroundings [S, K], success [S, K] and tip [S, T, K, 3] m of whole episodes.
+class Played(NamedTuple):
+    """Whole episodes of S seeds."""
 
-    The tip of an episode that is over is NaN.
+    around: Surroundings
+    """[S, K]."""
+    success: np.ndarray
+    """[S, K]."""
+    tip: np.ndarray
+    """[S, T, K, 3] m, NaN once an episode is over."""
+    push: np.ndarray
+    """[S, T, K] N, downwards, that the controller asks for."""
+
+
+def play(run: Path, arm: Randomisation | None = None) -> Played:
+    """Plays the policies of a run.
 
     Args:
       arm: what is drawn in place of the run's own.
@@ -50,7 +61,7 @@ def play(
     drawn = policies.config.randomisation if arm is None else arm
     env = task.make_env(dataclasses.replace(policies.config, randomisation=drawn))
 
-    def one(actor, key):
+    def one(actor, key) -> Any:
         start = env.reset(key, EPISODES)
 
         def body(carry, _):
@@ -58,14 +69,16 @@ def play(
             state, outcome = env.advance(state, mode_action(policies.nets.actor, actor, state.obs))
             over = outcome.terminated | ~outcome.finite
             tip = jnp.where(running[:, None], outcome.tip[:, :3], jnp.nan)
-            return (state, running & ~over), (tip, running & outcome.terminated)
+            # The last column: how far the setpoint is above the tip.
+            push = jnp.clip(-STIFFNESS * SCALE[-1] * outcome.next_obs[:, -1], 0.0, STRONGEST)
+            return (state, running & ~over), (tip, push, running & outcome.terminated)
 
         carry = start, jnp.ones(EPISODES, bool)
-        _, (tip, success) = jax.lax.scan(body, carry, length=env.horizon)
-        return start.around, success.any(axis=0), tip
+        _, (tip, push, success) = jax.lax.scan(body, carry, length=env.horizon)
+        return start.around, success.any(axis=0), tip, push
 
     keys = jax.random.split(jax.random.key(2_000_000), policies.config.seeds)
-    return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(policies.actors, keys))
+    return Played(*jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(policies.actors, keys)))
 
 
 def by_distance(offset: np.ndarray, success: np.ndarray, half: float) -> list[float]:
@@ -97,6 +110,12 @@ def draw(axis: Axes, values: np.ndarray, half_mm: float, title: str, top: float 
     axis.set(title=title, xlabel="x, mm", ylabel="y, mm")
 
 
+def label(name: str) -> str:
+    """What is special about a run: its method, and options after its seeds."""
+    method, _, _, _, *options = name.split("-", 4)
+    return "\n".join([method, *options])
+
+
 @dataclasses.dataclass(frozen=True)
 class Search:
     """Where trained policies find a moved hole, and where they look for it."""
@@ -117,15 +136,21 @@ def main(argv: list[str]) -> None:
     figure = matplotlib.figure.Figure(figsize=(8, 3.4 * len(runs)), layout="constrained")
     rows = figure.subplots(len(runs), 2, squeeze=False)
     for (left, right), run in zip(rows, runs, strict=True):
-        config, (around, success, tip) = trained.load(run).config, play(run)
-        offset = np.asarray(around.socket_offset)
-        half, name = config.shift / 2, config.algorithm
-        words = " ".join(f"{rate:.3f}" for rate in by_distance(offset, success, half))
-        print(f"{run.name}: success {success.mean():.3f}, from the nominal place outwards {words}")
-        found = where_found(offset, success, half)
-        draw(left, found, half * 1e3, f"{name}: success by place of the hole", 1.0)
-        touched = where_touched(tip, half)
-        draw(right, touched, half * 2e3, f"{name}: where the tip touches the plate", None)
+        half, played = trained.load(run).config.shift / 2, play(run)
+        offset = np.asarray(played.around.socket_offset)
+        words = " ".join(f"{rate:.3f}" for rate in by_distance(offset, played.success, half))
+        height = played.tip[..., 2]
+        on_plate = np.abs(height) < TOUCHES
+        print(
+            f"{run.name}: success {played.success.mean():.3f}, from the nominal place outwards "
+            f"{words}; on the plate in {on_plate.sum() / np.isfinite(height).sum():.2f} of the "
+            f"steps, with {played.push[on_plate].mean():.1f} N"
+        )
+        found = where_found(offset, played.success, half)
+        draw(left, found, half * 1e3, "success by place of the hole", 1.0)
+        touched = where_touched(played.tip, half)
+        draw(right, touched, half * 2e3, "where the tip touches the plate", None)
+        left.set_ylabel(f"{label(run.name)}\n\ny, mm")
     figure.savefig(picture, dpi=110)
     print(picture)
 
