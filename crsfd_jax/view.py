@@ -17,7 +17,7 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.options import field_types, shapes, validation
 from crsfd_jax.options.limits import Interval
 from crsfd_jax.storage import artefacts
-from crsfd_jax.storage.files import output, refuse_existing, write_atomically
+from crsfd_jax.storage.files import output, write_atomically
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,6 @@ def main(argv: list[str]) -> None:
     for option in ("host", "port"):
         if getattr(view, option) != getattr(View, option) and (view.video or not view.run):
             raise UserError(f"--{option}: got no page to serve, allowed: view RUN; leave it out")
-    if view.video:
-        refuse_existing(view.video, "--video")
     if not view.run:
         _draw(view, view.png or "scene.png")
     elif view.video:
@@ -97,7 +95,6 @@ def _options(view: View) -> config.Config:
 def _draw(view: View, png: str) -> None:
     if Path(png).suffix != ".png":
         raise UserError(f"--png: got {png!r}, allowed: a name that ends in .png; choose one")
-    refuse_existing(png, "--png")
     opengl.platform()
     # Imported late: a bad command line is answered at once, and mujoco needs its OpenGL known.
     from PIL import Image

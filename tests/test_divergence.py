@@ -8,9 +8,11 @@ import pytest
 
 from crsfd_jax.errors import UserError
 from crsfd_jax.interrupt import Interrupt
-from crsfd_jax.storage import artefacts, checkpoints, metrics
-from crsfd_jax.training import divergence, trainer
-from crsfd_jax.training.program import assemble, total_steps
+from crsfd_jax.options.schedule import total_steps
+from crsfd_jax.storage import artefacts, checkpoints, metrics, policy
+from crsfd_jax.training import divergence, standing, trainer
+from crsfd_jax.training.program import assemble
+from crsfd_jax.training.standing import Standing
 
 SITES = {
     "actor": lambda states: states.agent.actor,
@@ -169,6 +171,32 @@ def test_a_full_disk_ends_a_run_that_can_be_continued(run, monkeypatch):
     for name, column in metrics.read(folder.metrics).items():
         if name not in metrics.WALL_CLOCK_COLUMNS:
             np.testing.assert_array_equal(column, whole[name])
+
+
+def test_what_is_evaluated_and_kept_is_the_averaged_actor(run, config, program):
+    _, folder = run(name="averaged")
+    restored = checkpoints.restore(folder.checkpoints, jax.eval_shape(program.start))
+    assert restored is not None
+    agent, steps = restored.state.agent, total_steps(config) * config.envs
+    kept = policy.load(folder.policy, jax.eval_shape(lambda: agent.actor))
+    jax.tree.map(np.testing.assert_array_equal, kept, agent.average_actor)
+    assert not jax.tree.all(jax.tree.map(np.array_equal, kept, agent.actor))
+    table = metrics.read(folder.metrics)
+    rate = table["eval/success_rate"][table["env_steps"] == steps]
+    played = program.evaluate(agent.average_actor, np.int32(steps))
+    np.testing.assert_allclose(rate, np.asarray(played.success).mean(axis=1))
+
+
+def test_what_there_was_none_of_has_no_average(run, config):
+    """The first row of a run whose warm-up lasts beyond its first evaluation."""
+    table = metrics.read(run(name="averaged")[1].metrics)
+    assert np.isfinite(table["train/q"]).all() and (table["train/alpha"] > 0).all()
+    at = Standing(success=[0.0] * 3)
+    standing.add_up(at, {"episodes": jnp.array([0, 2, 4]), "successes": jnp.array([0, 1, 1])})
+    standing.add_up(at, {"q": jnp.array([0.0, 3, 6]), "learned": jnp.array([0, 0.5, 1])})
+    rows = standing.rows(config, at, [1.0] * 3)
+    np.testing.assert_allclose([row["train/success_rate"] for row in rows], [np.nan, 0.5, 0.25])
+    np.testing.assert_allclose([row["train/q"] for row in rows], [np.nan, 6, 6])
 
 
 def test_saving_takes_at_most_two_percent_of_the_time_and_begins_at_once():

@@ -16,7 +16,9 @@ import pytest
 
 from crsfd_jax import cli, config
 from crsfd_jax.config import ALGORITHMS
+from crsfd_jax.report.methods import ARMS
 from crsfd_jax.sweeps import cells
+from crsfd_jax.sweeps.grid import METHODS
 from crsfd_jax.training import program
 
 TESTS = Path(__file__).parent
@@ -164,7 +166,7 @@ def test_the_methods_of_the_documents_are_those_that_there_are():
     text = (ROOT / "docs" / "method.md").read_text()
     section = text.partition("## Methods")[2].partition("\n## ")[0]
     described = set(re.findall(r"^\| `(\w+)` \|", section, re.M))
-    assert described | {"sacfd"} == set(ALGORITHMS)
+    assert {*METHODS, *ARMS} <= described | {"sacfd"} <= set(ALGORITHMS)
 
 
 def test_python_in_the_documents_is_run_by_a_test():

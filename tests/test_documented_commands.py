@@ -46,6 +46,8 @@ IN_ORDER = {
     f"{EVALUATE} runs/NAME --shape plus.txt": "--episodes 4",
     f"{EVALUATE} runs/NAME --held-out": "--episodes 4",
     f"{EVALUATE} runs/NAME --held-out --episodes 100": "--episodes 4",
+    f"{EVALUATE} runs/NAME --held-out --episodes 100 --randomisation.encoder-offset -0.0014 -0.001 "
+    "0.001 0.0014": "--episodes 4",
     "python -m crsfd_jax.export runs/NAME --format npz --check": "",
     "python -m crsfd_jax.export runs/NAME --format onnx --check": "",
     "python experiments/real_arm/simulated_arm.py runs/NAME/export/npz 500": "4",

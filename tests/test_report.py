@@ -201,15 +201,15 @@ def test_crsfd_with_a_part_switched_off_is_that_ablation(tmp_path):
 
 
 def test_methods_are_named_as_their_files_and_known_not_to_interact():
-    assert {"crsfd", *BASELINES, *ARMS} <= set(ALGORITHMS)
-    idle = {name for name in ALGORITHMS if not algorithms.load(name).interacts}
-    assert idle == set(WITHOUT_INTERACTION)
+    known = {"crsfd", *BASELINES, *ARMS}
+    assert known <= set(ALGORITHMS)
+    assert {n for n in known if not algorithms.load(n).interacts} == set(WITHOUT_INTERACTION)
 
 
 def test_every_method_has_a_look_of_its_own():
-    looks = {(style(name).colour, style(name).dashes) for name in ALGORITHMS}
-    assert len(looks) == len(ALGORITHMS)
-    assert style("crsfd").width > max(style(n).width for n in ALGORITHMS if n != "crsfd")
+    known = {"crsfd", "rlpd", *BASELINES, *ARMS}
+    assert len({(style(name).colour, style(name).dashes) for name in known}) == len(known)
+    assert style("crsfd").width > max(style(n).width for n in known - {"crsfd"})
 
 
 def test_a_method_that_does_not_interact_has_one_level(tmp_path):

@@ -20,6 +20,7 @@ from crsfd_jax.options.run_name import run_name
 from crsfd_jax.storage import artefacts, metrics
 from crsfd_jax.sweeps import attempt, cells, demonstrations, slurm_array, state
 from crsfd_jax.sweeps.attempt import Plan
+from crsfd_jax.sweeps.grid import METHODS
 
 ROOT = Path(__file__).parents[1]
 FAKE = (sys.executable, str(Path(__file__).parent / "fake_train.py"))
@@ -107,7 +108,7 @@ def test_experiments_are_those_of_the_paper():
 
     methods = {"crsfd", "sacfd", "sac", "bc", "rlpd", "rsgm", "pofd", "sqil", "gail", "gaifo"}
     arms = {"crsfd_no_free_space", "crsfd_same_gamma"}
-    assert set(ALGORITHMS) == methods | arms
+    assert methods == set(METHODS) and methods | arms <= set(ALGORITHMS)
     assert pairs("setting1", "algorithm", "shape", "shift") == {
         (method, shape, 0.0) for method in methods for shape in "1234"
     }

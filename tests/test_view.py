@@ -113,15 +113,6 @@ def test_an_unusable_option_is_named_in_one_line(line):
     assert caught.value.exit_code == 2 and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("option", "name"), [("--png", "a.png"), ("--video", "a.gif")])
-def test_a_picture_or_film_is_not_overwritten(tmp_path, option, name):
-    (tmp_path / name).write_text("mine")
-    line = [option, str(tmp_path / name), *(["run"] if option == "--video" else [])]
-    with pytest.raises(UserError, match=f"^{option}: got .* which exists, allowed: a new file"):
-        view.main(line)
-    assert (tmp_path / name).read_text() == "mine"
-
-
 @needs_opengl
 @pytest.mark.parametrize("place", ["absent/view.png", "."])
 def test_a_file_that_cannot_be_written_is_named_in_one_line(tmp_path, place):

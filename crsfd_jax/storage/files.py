@@ -39,17 +39,12 @@ def reserve(out: str, option: str = "--out") -> None:
     Raises:
       UserError: the file exists, or its folder cannot be made.
     """
-    refuse_existing(out, option)
-    with output(out, option):
-        Path(out).absolute().parent.mkdir(parents=True, exist_ok=True)
-
-
-def refuse_existing(out: str, option: str) -> None:
-    """Raises UserError if there is a file of the name that an option gives."""
     if Path(out).exists():
         raise UserError(
             f"{option}: got {out!r}, which exists, allowed: a new file; choose another name"
         )
+    with output(out, option):
+        Path(out).absolute().parent.mkdir(parents=True, exist_ok=True)
 
 
 @contextlib.contextmanager
