@@ -18,10 +18,14 @@ from crsfd_jax.options import shapes
 from crsfd_jax.options.field_types import (
     Count,
     Discount,
+    Engine,
+    Envs,
     Fraction,
     Length,
     PositiveRate,
+    Seed,
     Shape,
+    Shift,
     Weight,
     Widths,
 )
@@ -137,7 +141,7 @@ class Potential:
     """Adam step size."""
     hidden: Widths = (64, 64)
     """Widths of the hidden layers."""
-    spread: Annotated[Length, Interval(0, 0.02)] | None = None
+    spread: Shift | None = None
     """Side of the square in which demonstrated positions are moved about in the regression, since
     the socket may stand anywhere in it; --shift less that of the demonstrations if not given, 0mm
     for the paper's potential."""
@@ -166,21 +170,21 @@ class Config:
     shape: Shape = "2"
     """Peg and socket: 0, 1, 2, 3, 4, a text file with a grid of # and ., all, or several such as
     0,2: each episode then draws its own."""
-    shift: Annotated[Length, Interval(0, 0.02)] = 0.0
+    shift: Shift = 0.0
     """Side of the square of the socket's unknown offsets: 8mm is up to 4 mm either way."""
     algorithm: Annotated[str, OneOf(ALGORITHMS)] = "crsfd"
     """Learning method: a file of crsfd_jax/algorithms (docs/method.md)."""
     seeds: Annotated[int, Interval(1, 10_000)] = 5
     """Number of seeds, trained side by side in one compiled program."""
-    seed: Annotated[int, Interval(0, 2_000_000_000)] = 0
+    seed: Seed = 0
     """First seed; the others follow it."""
     steps: Count = 40_000
     """Environment steps of each seed."""
     target: Fraction = 0.0
     """Final success rate below which the run ends with exit code 1."""
-    engine: Literal["auto", "native", "mjx", "warp"] = "auto"
+    engine: Engine = "auto"
     """Physics engine; auto is mjx on an accelerator and native on a CPU."""
-    envs: Annotated[int, Interval(1, 65_536)] = 64
+    envs: Envs = 64
     """Environments of each seed."""
     demos: str = "builtin"
     """Demonstration file, or builtin for the 40 shipped episodes of shape 0."""

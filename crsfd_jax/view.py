@@ -29,7 +29,7 @@ class View:
     shape: field_types.Shape | None = None
     """Peg and socket: 0, 1, 2, 3, 4 or a text file with a grid of # and . for cells; the run's own
     if not given, or 2."""
-    shift: Annotated[config.Length, Interval(0, 0.02)] | None = None
+    shift: field_types.Shift | None = None
     """Side of the square of socket offsets, such as 8mm; the run's own if not given, or 0."""
     png: str | None = None
     """Picture to write when no run is given, scene.png if not named; the socket is drawn in a

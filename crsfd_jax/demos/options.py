@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from crsfd_jax.config import SHAPES, Mdp, Sac, Scene
-from crsfd_jax.options.field_types import Count, Length, Shape
+from crsfd_jax.options.field_types import Count, Engine, Envs, Seed, Shape, Shift
 from crsfd_jax.options.limits import Interval, OneOf
 
 
@@ -24,15 +24,15 @@ class Record:
     """Episodes to record; all are kept, whether they succeed or not."""
     noise: Annotated[float, Interval(0, 100)] = 1.5
     """Factor on the standard deviation of the expert's policy, which makes it sub-optimal."""
-    seed: Annotated[int, Interval(0, 2_000_000_000)] = 0
+    seed: Seed = 0
     """Seed of the expert's training and of its noise."""
     steps: Count = 204_800
     """Environment steps after which training stops, successful or not."""
     enough: Annotated[float, Interval(0, 1)] = 1.0
     """Success rate of the deterministic policy at which training stops."""
-    engine: Literal["auto", "native", "mjx", "warp"] = "auto"
+    engine: Engine = "auto"
     """Physics engine; auto is mjx on an accelerator and native on a CPU."""
-    envs: Annotated[int, Interval(1, 65_536)] = 64
+    envs: Envs = 64
     """Environments."""
     scene: Scene = field(default_factory=Scene)
     mdp: Mdp = field(default_factory=Mdp)
@@ -52,7 +52,7 @@ class FromRun:
     """Seed whose policy is recorded: a number, or best for the one with the most success."""
     shape: Shape | None = None
     """Peg and socket, one shape; the run's own if not given."""
-    shift: Annotated[Length, Interval(0, 0.02)] | None = None
+    shift: Shift | None = None
     """Side of the square of the socket's offset, such as 4mm; the run's own if not given."""
     episodes: Annotated[int, Interval(1, 10_000)] = 40
     """Episodes to record; all are kept, whether they succeed or not."""

@@ -12,10 +12,9 @@ from crsfd_jax.config import Scene
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import OBSERVATION
 from crsfd_jax.options import limits, shapes, validation
+from crsfd_jax.options.field_types import LARGEST_SHIFT
 
 SCHEMA = 1
-_LARGEST_SHIFT = 0.02
-"""m, as for --shift."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,9 +99,9 @@ def check_shift(source: Provenance, socket_offset: np.ndarray) -> None:
       UserError: the square that is said is none of a task, or a socket stood outside it.
     """
     shift, furthest = source.shift_m, float(np.abs(socket_offset).max())
-    if not 0 <= shift <= _LARGEST_SHIFT:
+    if not 0 <= shift <= LARGEST_SHIFT:
         raise UserError(
-            f"provenance.shift_m is {shift:g}, expected 0 to {_LARGEST_SHIFT:g}; check its unit"
+            f"provenance.shift_m is {shift:g}, expected 0 to {LARGEST_SHIFT:g}; check its unit"
         )
     if furthest > shift / 2 + 1e-6:
         raise UserError(

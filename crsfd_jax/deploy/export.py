@@ -14,7 +14,7 @@ from crsfd_jax.deploy.formats import FORMATS, mean_layers
 from crsfd_jax.learn.networks import mode_action
 from crsfd_jax.observation import CLIP, OBS_SIZE
 from crsfd_jax.storage import trained
-from crsfd_jax.storage.files import output, write_atomically
+from crsfd_jax.storage.files import output, write_atomically, write_text
 
 TOLERANCE = 1e-5
 OBSERVATIONS = 1000
@@ -52,7 +52,7 @@ def export(run: str, form: str, seed: str, out: str) -> Exported:
     with output(folder):
         folder.mkdir(parents=True, exist_ok=True)
         write_atomically(path, lambda stream: stream.write(content))
-        write_atomically(folder / CONTRACT, lambda stream: stream.write(said.encode()))
+        write_text(folder / CONTRACT, said)
 
     def act(obs: np.ndarray) -> np.ndarray:
         with jax.default_matmul_precision("highest"):

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from crsfd_jax.curve import Curve, curve, mean_and_std
+from crsfd_jax.curve import Curve, curve
+from crsfd_jax.drawing.axes import band, clean
 from crsfd_jax.storage import metrics
 from crsfd_jax.storage.files import write_atomically
 
@@ -31,9 +32,7 @@ def plot(label: str, table: Path, picture: Path) -> None:
         axes.set(ylabel="success rate", ylim=(-0.03, 1.03), xlim=(0, None))
         axes.set_xlabel("environment steps of each seed, thousands")
         axes.set_title(title, fontsize=10, loc="left")
-        axes.grid(color="0.9", linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
+        clean(axes)
     figure.legend(
         *axes.get_legend_handles_labels(),
         loc="outside lower center",
@@ -47,12 +46,10 @@ def plot(label: str, table: Path, picture: Path) -> None:
 
 def _draw(axes: Axes, found: Curve, label: str) -> None:
     thousands = found.env_steps / 1000
-    mean, std = mean_and_std(found.values)
     for seed in found.values.T:
         known = np.isfinite(seed)
         axes.plot(thousands[known], seed[known], color=_COLOUR, linewidth=0.7, alpha=0.35)
-    low, high = np.clip(mean - std, 0, 1), np.clip(mean + std, 0, 1)
-    axes.fill_between(thousands, low, high, color=_COLOUR, alpha=0.15, linewidth=0)
+    mean = band(axes, thousands, found.values, _COLOUR)
     marker, seeds = "o" if len(thousands) == 1 else None, found.values.shape[1]
     name = f"{label} ({seeds} seed{'s' * (seeds > 1)})"
     axes.plot(thousands, mean, color=_COLOUR, linewidth=2, marker=marker, label=name)

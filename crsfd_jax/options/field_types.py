@@ -1,6 +1,6 @@
 """Kinds of option values: numbers with their ranges, lengths with units, shapes."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -34,3 +34,10 @@ Discount = Annotated[float, Interval(0, 1, open="both")]
 Widths = Annotated[tuple[int, ...], Interval(1, 8192)]
 Factors = Annotated[tuple[float, ...], Interval(0, 10, open="low"), Ranges()]
 """Ends of ranges in rising order: low high, or low high low high for two."""
+Engine = Literal["auto", "native", "mjx", "warp"]
+Seed = Annotated[int, Interval(0, 2_000_000_000)]
+Envs = Annotated[int, Interval(1, 65_536)]
+LARGEST_SHIFT = 0.02
+"""m."""
+Shift = Annotated[Length, Interval(0, LARGEST_SHIFT)]
+"""Side of the square in which sockets are offset."""

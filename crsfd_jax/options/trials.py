@@ -4,13 +4,13 @@ import dataclasses
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from crsfd_jax import cli
 from crsfd_jax.config import Config
-from crsfd_jax.options.field_types import Length, Shape
+from crsfd_jax.options.field_types import Engine, Length, Seed, Shape
 from crsfd_jax.options.limits import Interval
 from crsfd_jax.options.names import by_full_name, show
 from crsfd_jax.options.randomisation import HELD_OUT, Randomisation
@@ -39,9 +39,9 @@ class Evaluate:
     randomisation: Randomisation = field(default_factory=Randomisation)
     episodes: Annotated[int, Interval(1, 1_000_000)] = 100
     """Episodes of each seed."""
-    seed: Annotated[int, Interval(0, 2_000_000_000)] = 1_000_000
+    seed: Seed = 1_000_000
     """Seed of the episodes, apart from those of training and its evaluations."""
-    engine: Literal["auto", "native", "mjx", "warp"] = "auto"
+    engine: Engine = "auto"
     """Physics engine; auto is mjx on an accelerator and native on a CPU."""
     csv: str = ""
     """New file for a table of trials and successes of each seed and shape; none if empty."""

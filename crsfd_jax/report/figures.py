@@ -8,7 +8,8 @@ import matplotlib.lines
 import numpy as np
 from matplotlib.axes import Axes
 
-from crsfd_jax.curve import Curve, mean_and_std
+from crsfd_jax.curve import Curve
+from crsfd_jax.drawing.axes import band, clean
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.layout import Figure
 from crsfd_jax.report.methods import Style, rank, style
@@ -57,14 +58,6 @@ def save(canvas: matplotlib.figure.Figure, path: Path) -> None:
     write_atomically(path, lambda stream: canvas.savefig(stream, format="png", dpi=DPI))
 
 
-def clean(axes: Axes) -> None:
-    """Takes away what is not needed to read a plot."""
-    axes.grid(color="0.9", linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(labelsize=9)
-
-
 def _looks(figure: Figure) -> dict[tuple[str, str], Style]:
     """Look of each method and variant of a figure, in the order of the legend."""
     found = {(cell.method, cell.variant) for panel in figure.panels for cell in panel.cells}
@@ -90,9 +83,7 @@ def _draw_panel(axes: Axes, cells: tuple[Cell, ...], looks: dict[tuple[str, str]
 def _draw_cell(axes: Axes, cell: Cell, look: Style) -> None:
     curve = at_common_steps(cell.curve)
     thousands = curve.env_steps / 1000
-    mean, std = mean_and_std(curve.values)
-    low, high = np.clip(mean - std, 0, 1), np.clip(mean + std, 0, 1)
-    axes.fill_between(thousands, low, high, color=look.colour, alpha=0.13, linewidth=0)
+    mean = band(axes, thousands, curve.values, look.colour)
     (line,) = axes.plot(thousands, mean, marker="o" if len(mean) == 1 else None)
     line.set(color=look.colour, linestyle=look.dashes, linewidth=look.width)
 

@@ -8,8 +8,9 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
 
+from crsfd_jax.drawing.axes import clean
 from crsfd_jax.report.cells import Cell
-from crsfd_jax.report.figures import clean, save
+from crsfd_jax.report.figures import save
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.report.summary import compare

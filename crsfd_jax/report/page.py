@@ -28,7 +28,7 @@ from crsfd_jax.report.methods import style
 from crsfd_jax.report.summary import LEVEL
 from crsfd_jax.report.trials import Trials
 from crsfd_jax.storage import run_folder
-from crsfd_jax.storage.files import output, write_atomically
+from crsfd_jax.storage.files import output, write_text
 
 FILE = "report.html"
 MAX_FILM_BYTES = 16 * 2**20
@@ -113,9 +113,8 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
             html.section("How the numbers are made", html.bullets(_NOTES)),
         ]
         text = html.page(_TITLE, [part for part in body if part])
-        write_atomically(folder / FILE, lambda stream: stream.write(text.encode()))
-        listed = verdicts.markdown(report.claims)
-        write_atomically(folder / verdicts.FILE, lambda stream: stream.write(listed.encode()))
+        write_text(folder / FILE, text)
+        write_text(folder / verdicts.FILE, verdicts.markdown(report.claims))
     return folder / FILE
 
 

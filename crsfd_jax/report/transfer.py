@@ -6,8 +6,9 @@ from pathlib import Path
 import matplotlib.figure
 import numpy as np
 
+from crsfd_jax.drawing.axes import clean
 from crsfd_jax.options.randomisation import Randomisation
-from crsfd_jax.report.figures import clean, save
+from crsfd_jax.report.figures import save
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.trials import Trials
 

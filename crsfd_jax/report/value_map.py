@@ -12,8 +12,9 @@ from matplotlib.patches import Rectangle
 
 from crsfd_jax import shown_potential
 from crsfd_jax.config import Config
+from crsfd_jax.drawing.axes import clean
 from crsfd_jax.report.cells import Cell
-from crsfd_jax.report.figures import clean, save
+from crsfd_jax.report.figures import save
 from crsfd_jax.scene.digits import HOLE_DEPTH
 from crsfd_jax.shown_potential import Phi
 

@@ -33,6 +33,11 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     sync(path.parent)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Replaces a file by a text, as `write_atomically` does."""
+    write_atomically(path, lambda stream: stream.write(text.encode()))
+
+
 def reserve(out: str, option: str = "--out") -> None:
     """Makes the folder of a file that an option names, before anything takes time.
 

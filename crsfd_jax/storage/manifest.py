@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from crsfd_jax.config import Config, from_dict, to_dict
 from crsfd_jax.errors import UserError
-from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.files import write_text
 
 PACKAGES = (
     "jax",
@@ -56,7 +56,7 @@ def write(path: Path, manifest: Manifest) -> None:
     """Writes it, all or nothing."""
     told = manifest._asdict() | {"config": to_dict(manifest.config)}
     text = json.dumps(told, indent=2) + "\n"
-    write_atomically(path, lambda stream: stream.write(text.encode()))
+    write_text(path, text)
 
 
 def read(path: Path) -> Manifest:

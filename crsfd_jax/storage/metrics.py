@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from crsfd_jax.errors import UserError
-from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage.files import write_text
 
 KEY_COLUMNS = ("env_steps", "seed")
 WALL_CLOCK_COLUMNS = ("time/wall_s", "time/env_steps_per_second")
@@ -44,7 +44,7 @@ def append(path: Path, rows: Sequence[Mapping[str, float]]) -> None:
             )
     if present and younger:
         grown = [header, *([*line, *["nan"] * len(younger)] for line in present[1:])]
-        write_atomically(path, lambda stream: stream.write(_to_text(grown).encode()))
+        write_text(path, _to_text(grown))
     lines = [] if present else [header]
     lines += [[_show(row[column]) for column in header] for row in rows]
     with path.open("a", newline="", encoding="utf-8") as stream:
@@ -67,7 +67,7 @@ def truncate(path: Path, env_steps: int) -> None:
         return
     steps = lines[0].index("env_steps")
     kept = [lines[0], *(line for line in lines[1:] if float(line[steps]) <= env_steps)]
-    write_atomically(path, lambda stream: stream.write(_to_text(kept).encode()))
+    write_text(path, _to_text(kept))
 
 
 def read(path: Path) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from crsfd_jax.errors import UserError
-from crsfd_jax.storage.files import output, write_atomically
+from crsfd_jax.storage.files import output, write_text
 
 
 class Row(NamedTuple):
@@ -31,7 +31,7 @@ def write(path: Path, rows: Sequence[Row], option: str) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerows([Row._fields, *rows])
     with output(path, option):
-        write_atomically(path, lambda stream: stream.write(text.getvalue().encode()))
+        write_text(path, text.getvalue())
 
 
 def read(path: Path) -> list[Row]:
