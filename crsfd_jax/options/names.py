@@ -8,7 +8,7 @@ MAY_CHANGE = ("out", "engine", "target", "log", "clips")
 
 
 def show(value: Any, between: str = " ") -> str:
-    """A value as the command line takes it; several are joined by `between`."""
+    """A value in SI units; several are joined by `between`."""
     if isinstance(value, tuple):
         return between.join(show(part) for part in value)
     return f"{value:.12g}" if isinstance(value, float) else str(value)

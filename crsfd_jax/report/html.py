@@ -9,7 +9,6 @@ _KINDS = {
     ".png": "image/png",
     ".gif": "image/gif",
     ".mp4": "video/mp4",
-    ".webm": "video/webm",
 }
 _STYLE = """
 :root { color-scheme: light; }

@@ -10,6 +10,7 @@ from typing import BinaryIO, Literal, NamedTuple
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.options.names import MAY_CHANGE
+from crsfd_jax.options.schedule import total_steps
 from crsfd_jax.storage import artefacts, metrics, run_folder, trials
 from crsfd_jax.sweeps.cells import Cell
 
@@ -77,7 +78,7 @@ def is_finished(folder: Path, config: Config) -> bool:
         return False
     evaluated = (env_steps >= config.steps).sum() >= config.seeds
     # A policy is written at every evaluation; that of the end, before its checkpoint.
-    saved = max(artefacts.saved_steps(run.checkpoints), default=config.steps)
+    saved = max(artefacts.saved_steps(run.checkpoints), default=total_steps(config))
     final = saved * config.envs >= config.steps and run.policy.is_file()
     return bool(same and evaluated and final)
 
