@@ -17,7 +17,7 @@ from crsfd_jax.training import troubles
 SUCCESS = "eval/success_rate"
 EXPLORING = "train/success_rate"
 EPISODES = "train/episodes"
-_FILMS = (".gif", ".mp4", ".webm")
+_FILMS = (".gif", ".mp4")
 _FOREIGN = ("checkpoints", "report", "__pycache__")
 """Folders in which no run is looked for."""
 
