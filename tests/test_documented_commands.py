@@ -72,6 +72,7 @@ IN_ORDER = {
     "python -m crsfd_jax.report runs": "",
     "python -m crsfd_jax.report experiments/results --out docs/results": "",
     "python -m crsfd_jax.report experiments/results_scale1 --out runs/scale1": "",
+    "python -m crsfd_jax.report experiments/results_newest_actor --out runs/newest": "",
     "python -m crsfd_jax": "",
     "make train": f"ARGS='{SMOKE} --out {{folder}}/runs/made'",
     'make train ARGS="--shape 2 --shift 8mm --steps 300000"': (

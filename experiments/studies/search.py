@@ -111,9 +111,9 @@ def draw(axis: Axes, values: np.ndarray, half_mm: float, title: str, top: float 
 
 
 def label(name: str) -> str:
-    """What is special about a run: its method, and options after its seeds."""
-    method, _, _, _, *options = name.split("-", 4)
-    return "\n".join([method, *options])
+    """What is special about a run: its method and shape, and options after its seeds."""
+    method, shape, _, _, *options = name.split("-", 4)
+    return "\n".join([f"{method}, {shape}", *options])
 
 
 @dataclasses.dataclass(frozen=True)
