@@ -23,6 +23,7 @@ import tyro
 from matplotlib.axes import Axes
 
 from crsfd_jax import cli, compile_cache, task
+from crsfd_jax.errors import UserError
 from crsfd_jax.learn.networks import mode_action
 from crsfd_jax.observation import SCALE
 from crsfd_jax.options.randomisation import Randomisation
@@ -136,7 +137,10 @@ def main(argv: list[str]) -> None:
     figure = matplotlib.figure.Figure(figsize=(8, 3.4 * len(runs)), layout="constrained")
     rows = figure.subplots(len(runs), 2, squeeze=False)
     for (left, right), run in zip(rows, runs, strict=True):
-        half, played = trained.load(run).config.shift / 2, play(run)
+        half = trained.load(run).config.shift / 2
+        if not half:
+            raise UserError(f"{run}: its hole does not move; choose a run with a --shift")
+        played = play(run)
         offset = np.asarray(played.around.socket_offset)
         words = " ".join(f"{rate:.3f}" for rate in by_distance(offset, played.success, half))
         height = played.tip[..., 2]
