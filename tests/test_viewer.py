@@ -465,3 +465,17 @@ def _follow(page, tab):
     )
     values = "[...document.querySelectorAll('input')].map(input => input.value)"
     assert "1" in tab.evaluate(values)
+
+
+def test_episodes_are_counted_anew_with_another_policy_or_task(page):
+    from crsfd_jax.viewer import session
+
+    page.counted, page.played, page.inserted = session._who(page), 5, 3
+    step(page)
+    assert "inserted 3 of 5 episodes" in page.panel.status.content
+    page.panel.seed.value = "8"
+    step(page)
+    assert "of 5 episodes" not in page.panel.status.content
+    page.age = page.live.config.mdp.horizon - 1
+    step(page)
+    assert page.played == 1 and page.inserted in (0, 1)
