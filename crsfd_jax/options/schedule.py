@@ -11,6 +11,11 @@ def total_steps(config: Config) -> int:
     return -(-config.steps // (config.envs * CHUNK_STEPS)) * CHUNK_STEPS
 
 
+def total_env_steps(config: Config) -> int:
+    """Environment steps that each seed makes in them."""
+    return total_steps(config) * config.envs
+
+
 def warmup_steps(config: Config) -> int:
     """Vector steps before the first gradient update."""
     return -(-config.sac.warmup_steps // config.envs)

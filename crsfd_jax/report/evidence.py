@@ -1,6 +1,6 @@
 """Verdicts from intervals: when a statement holds, when it does not, when it is left open."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -75,26 +75,22 @@ def ahead(book: Book, tasks: Sequence[Task], ours: str, theirs: str, what: str) 
 
 def close(book: Book, task: Task, ours: str, theirs: str, what: str) -> Part:
     """Whether two methods score alike."""
-    subject = f"{task}, {_WORDS[what]}: {_label(ours)} less {_label(theirs)}"
-    each = _scores(book, [task], ours, theirs)
-    if isinstance(each, str):
-        return Part(OPEN, f"{subject}: {each}")
-    found = _difference(each, what)
-    within = found.low > -MARGIN and found.high < MARGIN
-    outside = found.low > MARGIN or found.high < -MARGIN
-    verdict = HOLDS if within else FAILS if outside else OPEN
-    return Part(verdict, f"{subject} {show(found, '+.3f')}, {_steps(each)}")
+
+    def judge(found: Estimate) -> str:
+        within = found.low > -MARGIN and found.high < MARGIN
+        outside = found.low > MARGIN or found.high < -MARGIN
+        return HOLDS if within else FAILS if outside else OPEN
+
+    return _less(book, task, ours, theirs, what, judge)
 
 
 def no_worse(book: Book, task: Task, ours: str, theirs: str) -> Part:
     """Whether a method ends as high as another, or higher."""
-    subject = f"{task}, {_WORDS['final']}: {_label(ours)} less {_label(theirs)}"
-    each = _scores(book, [task], ours, theirs)
-    if isinstance(each, str):
-        return Part(OPEN, f"{subject}: {each}")
-    found = _difference(each, "final")
-    verdict = HOLDS if found.low > -MARGIN else FAILS if found.high < -MARGIN else OPEN
-    return Part(verdict, f"{subject} {show(found, '+.3f')}, {_steps(each)}")
+
+    def judge(found: Estimate) -> str:
+        return HOLDS if found.low > -MARGIN else FAILS if found.high < -MARGIN else OPEN
+
+    return _less(book, task, ours, theirs, "final", judge)
 
 
 def later(book: Book, task: Task, ours: str, theirs: str) -> Part:
@@ -154,6 +150,18 @@ def show(estimate: Estimate, form: str = ".3f") -> str:
 
 
 _WORDS = {"final": "final success", "area": "area"}
+
+
+def _less(
+    book: Book, task: Task, ours: str, theirs: str, what: str, judge: Callable[[Estimate], str]
+) -> Part:
+    """What is judged of the score of one method less that of another."""
+    subject = f"{task}, {_WORDS[what]}: {_label(ours)} less {_label(theirs)}"
+    each = _scores(book, [task], ours, theirs)
+    if isinstance(each, str):
+        return Part(OPEN, f"{subject}: {each}")
+    found = _difference(each, what)
+    return Part(judge(found), f"{subject} {show(found, '+.3f')}, {_steps(each)}")
 
 
 def _difference(each: Sequence[summary.Scores], what: str) -> Estimate:

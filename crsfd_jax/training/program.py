@@ -20,7 +20,7 @@ from crsfd_jax.env import Env
 from crsfd_jax.free_space import make as make_free_space
 from crsfd_jax.options import shapes
 from crsfd_jax.options.run_name import default_folder
-from crsfd_jax.options.schedule import CHUNK_STEPS, total_steps
+from crsfd_jax.options.schedule import CHUNK_STEPS, total_env_steps
 from crsfd_jax.training import chunk, devices, train_step
 from crsfd_jax.training.train_step import Learner, TrainState
 
@@ -65,10 +65,10 @@ def fitted(config: Config, begun: Config | None = None) -> Config:
       begun: the options of the run that the folder holds.
     """
     asked = config.replay.capacity
-    capacity = min(asked, total_steps(config) * config.envs)
-    if begun and begun.replay.capacity == min(asked, total_steps(begun) * begun.envs):
-        capacity = begun.replay.capacity
-    if begun and asked == Replay().capacity:
+    capacity = min(asked, total_env_steps(config))
+    if begun and (
+        asked == Replay().capacity or begun.replay.capacity == min(asked, total_env_steps(begun))
+    ):
         capacity = begun.replay.capacity
     replay = dataclasses.replace(config.replay, capacity=capacity)
     return dataclasses.replace(config, replay=replay, out=default_folder(config))

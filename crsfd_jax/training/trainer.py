@@ -22,7 +22,12 @@ from crsfd_jax.demos.dataset import Demonstrations, check_units
 from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.interrupt import Interrupt
 from crsfd_jax.options.run_name import default_folder
-from crsfd_jax.options.schedule import CHUNK_STEPS, evaluation_period, total_steps
+from crsfd_jax.options.schedule import (
+    CHUNK_STEPS,
+    evaluation_period,
+    total_env_steps,
+    total_steps,
+)
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.progress import progress, say
 from crsfd_jax.storage import artefacts, metrics
@@ -74,7 +79,7 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
             say(f"folder    {folder.path}")
         say(f"buffer    {_buffer(configs[0], asked[0])}, {size / 1e6:.0f} MB in all")
         period = evaluation_period(configs[0]) * configs[0].envs
-        say(f"steps     {_planned(configs[0])} a seed, evaluated every {period}")
+        say(f"steps     {total_env_steps(configs[0])} a seed, evaluated every {period}")
         return run(configs, program, folders, interrupt)
 
 
@@ -92,7 +97,7 @@ def run(
     clock = saved_at = time.monotonic()
     save_s = 0.0
     with contextlib.ExitStack() as stack:
-        show = stack.enter_context(progress(_planned(first.config), first.env_steps))
+        show = stack.enter_context(progress(total_env_steps(first.config), first.env_steps))
         watchers = [bookkeeping.watcher(each, stack) for each in runs]
         while not _are_over(runs) and not devices.any_of(interrupt.requested):
             step = first.at.step + CHUNK_STEPS
@@ -133,11 +138,6 @@ def _fitted(configs: Sequence[Config]) -> list[Config]:
     return [from_dict(each) for each in json.loads(devices.text_from_first(json.dumps(own)))]
 
 
-def _planned(config: Config) -> int:
-    """Environment steps that each seed makes."""
-    return total_steps(config) * config.envs
-
-
 def _buffer(config: Config, asked: Config) -> str:
     """The buffer of a run in words; a run that was begun shorter keeps the size that it had."""
     own, fresh = config.replay.capacity, fitted(asked).replay.capacity
@@ -166,7 +166,7 @@ def _start_or_resume(configs, program, folders) -> tuple[TrainState, list[Run]]:
     for each in runs:
         metrics.truncate(each.folder.metrics, each.env_steps)
     if states is not None:
-        say(f"resumed at {runs[0].env_steps} of {_planned(configs[0])} steps")
+        say(f"resumed at {runs[0].env_steps} of {total_env_steps(configs[0])} steps")
         return states, runs
     began = time.monotonic()
     states = jax.block_until_ready(program.start())
