@@ -96,6 +96,8 @@ def test_every_cell_of_an_experiment_is_a_run_of_its_own(path):
         assert cell.name.startswith(f"{cell.config.algorithm}-shape")
         is_short = path.stem in ("early", "sensitivity", "reward_scale")
         budget = Config().steps if is_short else 300_000
+        if path.stem == "sensitivity" and cell.config.shift:
+            budget *= 2
         assert cell.config.algorithm == "bc" or cell.config.steps == budget
 
 
@@ -124,13 +126,17 @@ def test_experiments_are_those_of_the_paper():
     assert pairs("ablation", "algorithm", "shape") == {
         (method, shape) for method in ("crsfd", *arms) for shape in "1234"
     }
-    assert pairs("sensitivity", "shape", "shift", "seeds") == {("2", 0.0, 5)}
+    places = ("2", 0.0, 5), ("2", 0.004, 5)
+    assert pairs("sensitivity", "shape", "shift", "seeds") == set(places)
     assert pairs("sensitivity", "demo_episodes") == {(0,), (1,), (5,), (10,)}
     parts = {cell.config.scene.clearance for cell in experiment("sensitivity").cells}
     assert parts == {1e-3, 2e-3, 5e-4, 3e-4}
-    quality = {f"runs/demos/noise{factor}.npz" for factor in "13"}
-    assert pairs("sensitivity", "algorithm", "demos") == {
-        (method, demos) for method in ("crsfd", "sacfd") for demos in ("builtin", *quality)
+    kinds = {f"runs/demos/{name}.npz" for name in ("noise1", "noise3", "expert1")}
+    assert pairs("sensitivity", "shift", "algorithm", "demos") == {
+        (shift, method, demos)
+        for shift in (0.0, 0.004)
+        for method in ("crsfd", "sacfd")
+        for demos in ("builtin", *kinds)
     }
     assert pairs("next_task", "algorithm", "shape", "shift", "demos") == {
         (method, "2", 0.008, "runs/demos/search.npz") for method in ("crsfd", "sacfd", "bc")
