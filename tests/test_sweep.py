@@ -1,6 +1,7 @@
 """Sweeps: what the experiments are, and that every cell is run once, whatever happens."""
 
 import functools
+import os
 import signal
 import subprocess
 import sys
@@ -483,6 +484,22 @@ def test_ray_runs_and_retries_cells(file, out, monkeypatch):
     monkeypatch.setenv("FAKE_FAIL", f"{NAMES[1]} once")
     assert swept(file, "--runner", "ray", "--workers", "2") == 0
     assert [len(starts(out, name)) for name in NAMES] == [1, 2, 1]
+
+
+def test_what_a_killed_ray_worker_left_running_is_waited_for(file, out, monkeypatch):
+    """Its task is started anew, and finds the cell running."""
+    pytest.importorskip("ray")
+    monkeypatch.setenv("FAKE_STEP_S", "2")
+    process = started(file, "--runner", "ray", "--only", NAMES[0])
+    wait_for(lambda: (out / NAMES[0] / "metrics.csv").is_file())
+    [orphan] = starts(out, NAMES[0])
+    worker = int(Path(f"/proc/{orphan}/stat").read_text().rsplit(")", 1)[1].split()[1])
+    assert worker != process.pid
+    os.kill(worker, signal.SIGKILL)
+    printed, _ = process.communicate(timeout=120)
+    assert process.returncode == 0 and "1 done, 0 failed" in printed, printed
+    assert starts(out, NAMES[0]) == [orphan]
+    assert_whole(out, NAMES[0])
 
 
 def test_slurm_jobs_run_cells(file, out):
