@@ -1,4 +1,4 @@
-"""The two arms of the ablation: each lacks one half of what makes CRSfD."""
+"""The arms of the ablation and the control: each lacks a part of what makes CRSfD."""
 
 import dataclasses
 
@@ -95,6 +95,11 @@ def test_an_arm_differs_from_the_method_in_one_option(name, changed):
     expected = dataclasses.replace(config.potential, **changed)
     assert arm.configure(config) == dataclasses.replace(config, potential=expected)
     assert arm._replace(configure=whole.configure) == whole
+
+
+def test_the_control_has_the_potential_and_no_demonstrations_in_its_buffer():
+    control, whole = algorithms.load("crsfd_potential_only"), algorithms.load("crsfd")
+    assert not control.uses_demos and control._replace(uses_demos=True) == whole
 
 
 @pytest.mark.parametrize("name", ["crsfd", "crsfd_no_free_space"])

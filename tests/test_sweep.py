@@ -96,6 +96,7 @@ def test_every_cell_of_an_experiment_is_a_run_of_its_own(path):
     for cell in found.cells:
         assert cell.name.startswith(f"{cell.config.algorithm}-shape")
         is_short = path.stem in ("early", "sensitivity", "reward_scale")
+        is_short |= path.stem == "controls" and not cell.config.shift
         budget = Config().steps if is_short else 300_000
         if path.stem == "sensitivity" and cell.config.shift:
             budget *= 2
