@@ -301,7 +301,7 @@ def test_of_runs_of_several_lengths_those_with_most_evaluations_in_common_are_co
     assert any("SQIL was given 600 steps, others 1,000" in line for line in gaps.lines(found, []))
 
 
-def test_leads_are_those_of_equal_steps_and_variant_largest_first(tmp_path, monkeypatch):
+def test_leads_are_those_of_equal_steps_and_variant_variants_last(tmp_path, monkeypatch):
     few = {"demo_episodes": 1}
     for name, method, start in (("a", "crsfd", 0), ("b", "sacfd", 200)):
         make_run(tmp_path / f"{name}1", method, values=rising(start))
@@ -311,8 +311,8 @@ def test_leads_are_those_of_equal_steps_and_variant_largest_first(tmp_path, monk
     make_run(tmp_path / "alone", "crsfd", "4")
     found = leads.find(cells_of(tmp_path))
     assert [lead.label for lead in found] == [
-        "shape 2, no shift, 1 demonstration, 0.5k steps",
         "shape 2, no shift, 0.5k steps",
+        "shape 2, no shift, 1 demonstration, 0.5k steps",
         "shape 2, no shift, 1k steps",
         "shape 3, no shift, 1k steps",
     ]
@@ -332,7 +332,7 @@ def test_leads_are_those_of_equal_steps_and_variant_largest_first(tmp_path, monk
 def test_figures_are_laid_out_as_in_the_paper(tmp_path):
     paper_like(tmp_path)
     drawn = {figure.name: figure for figure in layout.figures(cells_of(tmp_path))}
-    assert list(drawn) == ["setting1", "setting2", "ablation", "tasks"]
+    assert list(drawn) == ["setting1", "setting2", "ablation", "tasks_1k"]
     titles = [panel.title for panel in drawn["setting1"].panels]
     assert titles == [f"shape {shape}, no shift" for shape in "1234"]
     assert all(len(panel.cells) == 9 for panel in drawn["setting1"].panels)
@@ -353,6 +353,19 @@ def test_runs_that_fit_no_figure_of_the_paper_get_a_panel_for_each_task(tmp_path
         ("shape 2, shift 8 mm", 2),
         ("shape 4, shift 1 mm", 1),
     ]
+
+
+def test_variants_stand_in_the_order_of_their_numbers_and_equal_steps_together(tmp_path):
+    for count in (10, 5, 1):
+        for method in ("crsfd", "sacfd"):
+            make_run(tmp_path / f"{method}{count}", method, shift=1, demo_episodes=count)
+    for method in ("crsfd", "sacfd", "sac"):
+        make_run(tmp_path / method, method, shift=1)
+    make_run(tmp_path / "long", "sac", "3", steps=2000)
+    drawn = {figure.name: figure for figure in layout.figures(cells_of(tmp_path))}
+    assert list(drawn) == ["tasks_1k", "tasks_2k"]
+    titles = [panel.title.split(", ")[-1] for panel in drawn["tasks_1k"].panels]
+    assert titles == ["shift 1 mm", "1 demonstration", "5 demonstrations", "10 demonstrations"]
 
 
 def test_every_cell_is_drawn_somewhere(tmp_path):
@@ -457,10 +470,11 @@ def test_being_no_worse_is_judged_by_the_margin_on_one_side(tmp_path, top, verdi
 
 def test_the_claims_are_listed_in_a_file_of_their_own():
     no, yes = evidence.Part(FAILS, "0.1 [0.0, 0.2]"), evidence.Part(HOLDS, "0.3 [0.2, 0.4]")
-    text = verdicts.markdown([evidence.claim("It is so", [yes, no]), evidence.claim("Too", [yes])])
+    found = [evidence.claim("It is so", [yes, no]), evidence.claim("Too", [yes])]
+    text = verdicts.markdown(found, ["3 runs"])
     assert "| does not hold | It is so | 1 do not hold, 1 hold |" in text
     assert text.index("- does not hold: 0.1 [0.0, 0.2]") < text.index("- holds: 0.3 [0.2, 0.4]")
-    assert evidence.RULE in text
+    assert text.index("- 3 runs") < text.index("It is so") < text.index(evidence.RULES[0])
 
 
 def test_a_claim_fails_with_one_part_and_holds_with_all():
@@ -610,7 +624,7 @@ def test_the_page_needs_nothing_but_itself(tmp_path):
     ages = [age for age in (9, 20, 100, 3000) if f", {age:,} steps" in text]
     assert ages == [9, 100, 3000]
     assert "demonstrations <b>mine</b>" in text and "a map" in text and "1.2.3" in text
-    assert Image.open(out / "tasks.png").width > 400
+    assert Image.open(out / "tasks_1k.png").width > 400
     again = page.write(page.collect([str(tmp_path / "r")]), tmp_path / "again", stub_map)
     assert again.read_text() == file.read_text()
 

@@ -174,11 +174,13 @@ def test_trials_are_drawn_where_they_are(tmp_path, monkeypatch):
     transfer_run(tmp_path / "b", "2", 20, randomisation=Randomisation())
     transfer.draw(found_in(tmp_path)[0], {"0": 1.0, "1": 0.9}, tmp_path / "transfer.png")
     (axes,) = drawn[0].axes
-    heights = {line.get_label(): list(line.get_ydata()) for line in axes.lines}
     points = [bars.lines[0] for bars in axes.containers]
-    assert [list(line.get_ydata()) for line in points] == [[0.9], [0.2]]
+    assert [list(line.get_ydata()) for line in points] == [[0.9], [0.2], [1.0]]
     assert points[1].get_markerfacecolor() == "white"
-    assert heights["paper, real arm, 25 trials"] == [1.0]
+    paper = axes.containers[2]
+    assert paper.get_label() == "paper, real arm, 25 trials"
+    # Wilson's interval of 25 of 25.
+    assert paper.lines[2][0].get_segments()[0][:, 1] == pytest.approx([0.8668, 1.0], abs=1e-4)
     assert [text.get_text() for text in axes.get_xticklabels()] == ["0", "2"]
 
 

@@ -71,7 +71,7 @@ def test_the_potential_drawn_is_the_one_that_the_runs_learned_with(tmp_path, mon
         make_run(tmp_path / f"a{shift}", shift=shift, demo_episodes=7, potential=potential)
     make_run(tmp_path / "b", "sacfd", potential=Potential(gamma=0.1))
     value_map.draw_of(cells_of(tmp_path), tmp_path / "map.png")
-    nominal, config = fitted
+    config, nominal = fitted
     assert (config.demo_episodes, config.potential) == (7, Potential(gamma=gamma))
     assert config.shift == 8e-3
     moved_nowhere = dataclasses.replace(config.potential, spread=0.0)

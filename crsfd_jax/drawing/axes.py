@@ -14,9 +14,11 @@ def clean(axes: Axes) -> None:
     axes.tick_params(labelsize=9)
 
 
-def band(axes: Axes, thousands: np.ndarray, values: np.ndarray, colour: str) -> np.ndarray:
+def band(
+    axes: Axes, thousands: np.ndarray, values: np.ndarray, colour: str, alpha: float = 0.14
+) -> np.ndarray:
     """Shades one standard deviation of success rates [T, S] about their mean, which it returns."""
     mean, std = mean_and_std(values)
     low, high = np.clip(mean - std, 0, 1), np.clip(mean + std, 0, 1)
-    axes.fill_between(thousands, low, high, color=colour, alpha=0.14, linewidth=0)
+    axes.fill_between(thousands, low, high, color=colour, alpha=alpha, linewidth=0)
     return mean

@@ -18,18 +18,22 @@ MARGIN = 0.05
 FEWEST_SEEDS = 3
 _TRANSFER = "CRSfD, 2 mm, randomised"
 """The label of the trials that stand for the paper's."""
-RULE = (
+RULES = (
+    "A claim holds if all its comparisons hold, and does not hold if one does not, with no "
+    "allowance for how many they are.",
     "Every number is a mean with its 95 % interval: Student's t over seeds, of held-out trials "
-    "Wilson's where that is wider. X above Y holds if the interval of the difference lies above 0, "
-    f"however little, and else does not if it lies below {MARGIN:g}. X like Y holds if the "
-    f"interval lies within ±{MARGIN:g}, and does not if it lies outside. X no worse than Y holds "
-    f"above -{MARGIN:g}, and does not below. X below a level holds if its interval lies below it, "
-    "and does not if it lies above. Trials succeed as the paper's do if their interval lies above "
-    f"the paper's rate less {MARGIN:g}, and do not if it lies below. "
-    "Steps to a level are compared as they are. The rest is undecided, and so is what has no "
-    f"finished runs with {FEWEST_SEEDS} seeds. A claim holds if all its parts hold, and does not "
-    "if one does not, with no allowance for how many they are. Two methods are compared by the "
-    "evaluations that both have, in the steps named."
+    "Wilson's where that is wider.",
+    "X over Y holds if the interval of the difference lies above 0, however little, and else does "
+    f"not if it lies below {MARGIN:g}; alike: it lies within ±{MARGIN:g}.",
+    f"X like Y (X minus Y) holds if the interval lies within ±{MARGIN:g}, and does not if it lies "
+    f"outside. X no worse than Y holds above -{MARGIN:g}, and does not below.",
+    "X below a level holds if its interval lies below it, and does not if it lies above.",
+    "Trials succeed as the paper's do if their interval lies above the paper's rate minus "
+    f"{MARGIN:g}, and do not if it lies below.",
+    "Steps to a level are compared as they are, without an interval.",
+    f"The rest is undecided, and so is what has no finished runs with {FEWEST_SEEDS} seeds.",
+    "Two methods are compared by the evaluations that both have, up to the steps named; these are "
+    "whole calls of the compiled program, 41k where 40k were asked for.",
 )
 
 
@@ -81,7 +85,7 @@ def close(book: Book, task: Task, ours: str, theirs: str, what: str) -> Part:
         outside = found.low > MARGIN or found.high < -MARGIN
         return HOLDS if within else FAILS if outside else OPEN
 
-    return _less(book, task, ours, theirs, what, judge)
+    return _minus(book, task, ours, theirs, what, judge)
 
 
 def no_worse(book: Book, task: Task, ours: str, theirs: str) -> Part:
@@ -90,7 +94,7 @@ def no_worse(book: Book, task: Task, ours: str, theirs: str) -> Part:
     def judge(found: Estimate) -> str:
         return HOLDS if found.low > -MARGIN else FAILS if found.high < -MARGIN else OPEN
 
-    return _less(book, task, ours, theirs, "final", judge)
+    return _minus(book, task, ours, theirs, "final", judge)
 
 
 def later(book: Book, task: Task, ours: str, theirs: str) -> Part:
@@ -106,7 +110,7 @@ def later(book: Book, task: Task, ours: str, theirs: str) -> Part:
 
 def wider(book: Book, far: Sequence[Task], near: Sequence[Task]) -> Part:
     """Whether the gap from CRSfD to SACfD is larger on some tasks than on others."""
-    subject = f"margin on {_names(far)} less that on {_names(near)}"
+    subject = f"margin on {_names(far)} minus that on {_names(near)}"
     each = _scores(book, [*far, *near], "crsfd", "sacfd")
     if isinstance(each, str):
         return Part(OPEN, f"{subject}: {each}")
@@ -152,11 +156,11 @@ def show(estimate: Estimate, form: str = ".3f") -> str:
 _WORDS = {"final": "final success", "area": "area"}
 
 
-def _less(
+def _minus(
     book: Book, task: Task, ours: str, theirs: str, what: str, judge: Callable[[Estimate], str]
 ) -> Part:
-    """What is judged of the score of one method less that of another."""
-    subject = f"{task}, {_WORDS[what]}: {_label(ours)} less {_label(theirs)}"
+    """What is judged of the score of one method minus that of another."""
+    subject = f"{task}, {_WORDS[what]}: {_label(ours)} minus {_label(theirs)}"
     each = _scores(book, [task], ours, theirs)
     if isinstance(each, str):
         return Part(OPEN, f"{subject}: {each}")

@@ -30,9 +30,7 @@ def draw(figure: Figure, path: Path) -> None:
     beside = 0.7 + 0.08 * longest if figure.columns < 3 else 0
     size = (3.3 * figure.columns + 0.5 + beside, 2.6 * rows + (0.5 if beside else 0.9))
     canvas = matplotlib.figure.Figure(size, layout="constrained")
-    grid = canvas.subplots(
-        rows, figure.columns, sharex=figure.same_steps, sharey=True, squeeze=False
-    )
+    grid = canvas.subplots(rows, figure.columns, sharex=True, sharey=True, squeeze=False)
     for axes, panel in zip(grid.flat, figure.panels, strict=False):
         _draw_panel(axes, panel.cells, looks)
         axes.set_title(textwrap.fill(panel.title, _TITLE_WIDTH), fontsize=10.5)
@@ -83,7 +81,8 @@ def _draw_panel(axes: Axes, cells: tuple[Cell, ...], looks: dict[tuple[str, str]
 def _draw_cell(axes: Axes, cell: Cell, look: Style) -> None:
     curve = at_common_steps(cell.curve)
     thousands = curve.env_steps / 1000
-    mean = band(axes, thousands, curve.values, look.colour)
+    # Thin lines are many: their bands are paler.
+    mean = band(axes, thousands, curve.values, look.colour, 0.05 * look.width)
     (line,) = axes.plot(thousands, mean, marker="o" if len(mean) == 1 else None)
     line.set(color=look.colour, linestyle=look.dashes, linewidth=look.width)
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from crsfd_jax.report.cells import Cell, Task
 from crsfd_jax.report.methods import ARMS
 from crsfd_jax.report.pairing import longest
+from crsfd_jax.report.words import by_size
 
 SETTING1 = tuple(Task(shape, 0.0) for shape in "1234")
 SETTING2 = tuple(Task(shape, shift) for shape in "20" for shift in (4.0, 6.0, 8.0))
@@ -31,8 +32,6 @@ class Figure(NamedTuple):
     caption: str
     columns: int
     panels: tuple[Panel, ...]
-    same_steps: bool = True
-    """Whether all panels span the same environment steps."""
 
 
 def figures(cells: Sequence[Cell]) -> list[Figure]:
@@ -42,7 +41,7 @@ def figures(cells: Sequence[Cell]) -> list[Figure]:
     trained = [cell for cell in usual if cell.method not in ARMS]
     pair = [cell for cell in trained if cell.method in ("crsfd", "sacfd")]
     made = [
-        _grid("setting1", "New shapes, socket where it was", 4, SETTING1, trained),
+        _grid("setting1", "New shapes, socket where it was", 2, SETTING1, trained),
         _grid("setting2", "Shapes and shifts, CRSfD and the best baseline", 3, SETTING2, pair),
         _ablation(usual),
     ]
@@ -72,7 +71,7 @@ def _ablation(cells: Sequence[Cell]) -> Figure | None:
 
 
 def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
-    """All methods of each task that holds a cell not drawn so far.
+    """All methods of each task that holds a cell not drawn so far, a figure for equal steps.
 
     A variant that several methods have, or that no run of the task is without, is a task of its
     own: its panel's title names it, and each method looks there as everywhere.
@@ -90,8 +89,17 @@ def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
         title = ", ".join(filter(None, (str(task), variant)))
         return Panel(title, tuple(c._replace(variant="") if variant else c for c in here))
 
-    panels = [panel(*where) for where in sorted({place(c) for c in cells if id(c) not in drawn})]
-    if not panels:
-        return []
-    columns = min(_COLUMNS, len(panels))
-    return [Figure("tasks", "All runs of each task", columns, tuple(panels), same_steps=False)]
+    places = {place(cell) for cell in cells if id(cell) not in drawn}
+    panels: dict[int, list[Panel]] = {}
+    for task, variant in sorted(places, key=lambda at: (bool(at[1]), by_size(at[1]), at[0])):
+        found = panel(task, variant)
+        panels.setdefault(max(cell.planned_steps for cell in found.cells), []).append(found)
+    return [
+        Figure(
+            f"tasks_{steps / 1000:g}k",
+            f"All runs of each task with {steps:,} environment steps",
+            min(_COLUMNS, len(found)),
+            tuple(found),
+        )
+        for steps, found in sorted(panels.items())
+    ]

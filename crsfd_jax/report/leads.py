@@ -1,4 +1,4 @@
-"""Where CRSfD is ahead of SACfD, and by how much: a line for each task and variant of it."""
+"""Where CRSfD is ahead of SACfD, and by how much: a row for each task and variant of it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +14,7 @@ from crsfd_jax.report.figures import save
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.report.summary import compare
+from crsfd_jax.report.words import by_size
 
 OURS, THEIRS = "crsfd", "sacfd"
 CAPTION = (
@@ -25,7 +26,7 @@ _BELOW = 0.28
 
 
 class Lead(NamedTuple):
-    """CRSfD less SACfD."""
+    """CRSfD minus SACfD."""
 
     label: str
     """Task, variant and steps."""
@@ -35,7 +36,7 @@ class Lead(NamedTuple):
 
 
 def find(cells: Sequence[Cell]) -> list[Lead]:
-    """The leads in area wherever both were given as many steps, by steps and task, largest first.
+    """The leads in area wherever both were given as many steps: by steps, variant and task.
 
     Cells without a step at which both were evaluated are left out.
     """
@@ -47,7 +48,8 @@ def find(cells: Sequence[Cell]) -> list[Lead]:
         if compared:
             steps = f"{cell.planned_steps / 1000:g}k steps"
             words = filter(None, (str(cell.task), cell.variant, steps))
-            order = cell.planned_steps, cell.task, -compared.area.value
+            varied = bool(cell.variant), by_size(cell.variant)
+            order = cell.planned_steps, varied, cell.task
             found.append((order, Lead(", ".join(words), compared.area, compared.exploring)))
     return [lead for _, lead in sorted(found, key=lambda each: each[0])]
 
@@ -62,12 +64,15 @@ def draw(found: Sequence[Lead], path: Path) -> None:
     axes = canvas.subplots()
     clean(axes)
     look = style(OURS)
-    _mark(axes, [lead.area for lead in found], 0.0, look.colour)
-    _mark(axes, [lead.exploring for lead in found], _BELOW, look.colour, mfc="white", alpha=0.6)
+    areas, exploring = [lead.area for lead in found], [lead.exploring for lead in found]
+    _mark(axes, areas, 0.0, look.colour, label="evaluations")
+    style_of = dict(mfc="white", alpha=0.6, label="episodes of training, exploring")
+    _mark(axes, exploring, _BELOW, look.colour, **style_of)
     axes.axvline(0, color=style(THEIRS).colour, linewidth=1.4)
     axes.set_yticks(range(len(found)), [lead.label for lead in found])
     axes.set_ylim(len(found) - 0.5, -0.5)
-    axes.set_xlabel(f"area under the curve, {look.label} less {style(THEIRS).label}", fontsize=10)
+    axes.set_xlabel(f"area under the curve, {look.label} minus {style(THEIRS).label}", fontsize=10)
+    canvas.legend(loc="outside upper right", frameon=False, fontsize=10, ncols=2)
     save(canvas, path)
 
 

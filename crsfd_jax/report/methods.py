@@ -32,7 +32,7 @@ _STYLES = {
     "rlpd": Style("RLPD", "#009E73"),
     "rsgm": Style("RS-GM", "#CC79A7"),
     "pofd": Style("POfD", "#56B4E9", (0, (6, 2))),
-    "sqil": Style("SQIL", "#E69F00"),
+    "sqil": Style("SQIL", "#785EF0", (0, (1.5, 1))),
     "sac": Style("SAC", "#4D4D4D"),
     "gaifo": Style("GAIfO", "#882255", (0, (3, 1.5))),
     "gail": Style("GAIL", "#999933", (0, (6, 1.5, 1.5, 1.5))),

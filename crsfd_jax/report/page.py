@@ -114,7 +114,8 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
         ]
         text = html.page(_TITLE, [part for part in body if part])
         write_text(folder / FILE, text)
-        write_text(folder / verdicts.FILE, verdicts.markdown(report.claims))
+        made_of = tables.made_of(report.cells)
+        write_text(folder / verdicts.FILE, verdicts.markdown(report.claims, made_of))
     return folder / FILE
 
 

@@ -109,6 +109,18 @@ def options(cells: Sequence[Cell]) -> Table:
     return Table(("method", "options"), [row for row in rows if row[1]], 2)
 
 
+def made_of(cells: Sequence[Cell]) -> list[str]:
+    """Both of these as lines."""
+    lines = [
+        f"{count} runs on {device}, started {span}, {wall} in all"
+        for device, _, span, count, wall in machines(cells).rows
+    ]
+    methods: dict[str, list[str]] = {}
+    for method, found in options(cells).rows:
+        methods.setdefault(found, []).append(method)
+    return lines + [f"{', '.join(names)}: {found}" for found, names in methods.items()]
+
+
 def duration(seconds: float) -> str:
     """Hours and minutes, or seconds of a short time."""
     if not math.isfinite(seconds):

@@ -7,17 +7,22 @@ import matplotlib.figure
 import numpy as np
 
 from crsfd_jax.drawing.axes import clean
+from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.report.figures import save
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.trials import Trials
 
+PAPER_TRIALS = 25
+"""Of the paper's policies, on each shape."""
 _APART = 0.16
 """Between the methods of a shape, of the distance between two shapes."""
 
 
 def draw(found: Sequence[Trials], paper: Mapping[str, float], path: Path) -> None:
     """Writes a PNG: success rate and 95 % interval of each method on each shape.
+
+    Of the paper's trials the interval is Wilson's.
 
     Args:
       found: at least one.
@@ -45,8 +50,12 @@ def draw(found: Sequence[Trials], paper: Mapping[str, float], path: Path) -> Non
         )
     known = [(place, paper[shape]) for place, shape in enumerate(shapes) if shape in paper]
     if known:
-        (theirs,) = axes.plot(*zip(*known, strict=True), label="paper, real arm, 25 trials")
-        theirs.set(color="0.45", marker="_", markersize=26, linestyle="none")
+        place, rate = np.array(known).T
+        ends = [wilson_interval(round(PAPER_TRIALS * r), PAPER_TRIALS) for r in rate.tolist()]
+        off = np.abs(np.array(ends).T - rate)
+        look = dict(fmt="_", markersize=14, color="0.45", capsize=2, zorder=1)
+        beside = np.array(place) - _APART * (len(labels) + 1) / 2
+        axes.errorbar(beside, rate, off, label=f"paper, real arm, {PAPER_TRIALS} trials", **look)
     axes.set_xticks(range(len(shapes)), shapes)
     axes.set_xlim(-0.5, len(shapes) - 0.5)
     axes.set_ylim(top=1.01)

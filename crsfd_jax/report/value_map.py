@@ -28,7 +28,8 @@ _LEVELS = np.linspace(0, 1, 21)
 def draw_of(cells: Sequence[Cell], path: Path) -> str:
     """Draws the potential of CRSfD's usual runs among cells, or of any, or of default options.
 
-    Of several, that of the largest shift; beside it the one that is fitted at the nominal place.
+    Of several, that of the largest shift; beside it, if its demonstrations are moved about, the
+    one that is fitted where they are.
 
     Returns:
       What the picture shows, in words.
@@ -39,22 +40,24 @@ def draw_of(cells: Sequence[Cell], path: Path) -> str:
     ours = [cell for cell in cells if cell.method == "crsfd"]
     ours.sort(key=lambda cell: (bool(cell.variant), -cell.task.shift_mm))
     config = ours[0].runs[0].manifest.config if ours else Config()
-    at_nominal = dataclasses.replace(config.potential, spread=0.0)
-    nominal, _ = shown_potential.fit(dataclasses.replace(config, potential=at_nominal))
     phi, demos = shown_potential.fit(config)
-    draw(phi, demos, nominal, path)
+    spread, nominal, beside = config.potential.spread, phi, ""
+    if config.shift if spread is None else spread:
+        at_nominal = dataclasses.replace(config.potential, spread=0.0)
+        nominal, _ = shown_potential.fit(dataclasses.replace(config, potential=at_nominal))
+        beside = " In the middle and dashed: fitted where the demonstrations are, as in the paper."
     gamma = config.sac.gamma
+    draw(phi, demos, nominal if beside else None, path)
+    also = f"{rewarded(nominal, demos, gamma):.0%} with the dashed potential, " if beside else ""
     return (
         "The potential that shapes the rewards, fitted as in training with a shift of "
-        f"{config.shift * 1e3:g} mm, for a tip at rest in the frame of the nominal socket. In the "
-        "middle and dashed: fitted where the demonstrations are, as in the paper. Orange: tip of "
-        "the demonstrations, seen from above and from the side, with a dot at the end. Squares: "
-        "where the socket's centre may lie at shifts of 4, 6 and 8 mm. Hatched: out of reach "
-        "whichever of them it is. Of the demonstrated steps "
+        f"{config.shift * 1e3:g} mm, for a tip at rest in the frame of the nominal socket.{beside} "
+        "Orange: tip of the demonstrations, seen from above and from the side, with a dot at the "
+        "end. Squares: where the socket's centre may lie at shifts of 4, 6 and 8 mm. Hatched: out "
+        "of reach whichever of them it is. Of the demonstrated steps "
         f"{rewarded(phi, demos, gamma):.0%} earn a positive shaping reward with gamma_k {gamma:g}, "
-        f"with the dashed potential {rewarded(nominal, demos, gamma):.0%}, and with gamma_k as low "
-        f"as gamma_0, {config.potential.gamma:g}, "
-        f"{rewarded(nominal, demos, config.potential.gamma):.0%}."
+        f"{also}and {rewarded(nominal, demos, config.potential.gamma):.0%} with gamma_k as low as "
+        f"gamma_0, {config.potential.gamma:g}."
     )
 
 
@@ -69,28 +72,33 @@ def rewarded(phi: Phi, demos: np.ndarray, gamma: float) -> float:
     return float((gained > 0).sum() / np.isfinite(gained).sum())
 
 
-def draw(phi: Phi, demos: np.ndarray, nominal: Phi, path: Path) -> None:
+def draw(phi: Phi, demos: np.ndarray, nominal: Phi | None, path: Path) -> None:
     """Writes the socket plane, a vertical cut and three profiles as PNG.
 
     Args:
       demos: [K, T, 6] tip poses, as from `shown_potential.tracks`.
-      nominal: the potential of the nominal place, to compare with.
+      nominal: the potential of the nominal place, to compare with, if it is another.
     """
+    shown = {"averaged over the places of the socket": (phi, "-")} if nominal else {"": (phi, "-")}
+    if nominal:
+        shown["fitted at the nominal place alone"] = (nominal, "--")
     canvas = matplotlib.figure.Figure((14, 7.4), layout="constrained")
     halves: Any = canvas.subfigures(2, 1, height_ratios=(1.75, 1))
-    above = halves[0].subplots(1, 3)
-    _draw_plane(above[0], phi, demos, "plane of the mouth, peg upright")
-    _draw_plane(above[1], nominal, demos, "the same, fitted at the nominal place alone")
-    shown = _draw_cut(above[2], phi, demos)
+    above = halves[0].subplots(1, len(shown) + 1)
+    for axes, (label, (each, _)) in zip(above, shown.items(), strict=False):
+        _draw_plane(axes, each, demos, f"plane of the mouth\n{label}".rstrip())
+    colours = _draw_cut(above[-1], phi, demos)
     ticks = np.linspace(0, 1, 6)
-    halves[0].colorbar(shown, ax=above.tolist(), label="potential", shrink=0.9, ticks=ticks)
+    halves[0].colorbar(colours, ax=above.tolist(), label="potential", shrink=0.9, ticks=ticks)
     profiles = halves[1].subplots(1, len(PROFILES), sharey=True)
     for axes, (title, unit, along) in zip(profiles, PROFILES, strict=True):
-        _draw_profile(axes, nominal, along, "--")
-        _draw_profile(axes, phi, along, "-")
+        for label, (each, dashes) in shown.items():
+            _draw_profile(axes, each, along, dashes, label)
         axes.set_title(title, fontsize=10.5)
         axes.set_xlabel(unit, fontsize=10)
     profiles[0].set_ylabel("potential", fontsize=10)
+    if nominal:
+        profiles[1].legend(frameon=False, fontsize=9.5)
     save(canvas, path)
 
 
@@ -145,7 +153,7 @@ def _draw_cut(axes: Axes, phi: Phi, demos: np.ndarray):
     axes.text(17, -18, "inside the socket:\nout of reach", fontsize=8.5, ha="center", bbox=_PAPER)
     axes.text(-29, 1, "mouth", fontsize=8.5, bbox=_PAPER)
     axes.text(-29, -HOLE_DEPTH * 1e3 + 1, "bottom", fontsize=8.5, bbox=_PAPER)
-    _finish(axes, "cut at y = 0, peg upright", "z above the mouth, mm")
+    _finish(axes, "cut at y = 0", "z above the mouth, mm")
     return shown
 
 
@@ -169,8 +177,9 @@ def _finish(axes: Axes, title: str, vertical: str) -> None:
     axes.tick_params(labelsize=9)
 
 
-def _draw_profile(axes: Axes, phi: Phi, along, dashes: str) -> None:
+def _draw_profile(axes: Axes, phi: Phi, along, dashes: str, label: str) -> None:
     factor, axis, poses = along
-    axes.plot(poses[:, axis] * factor, phi(poses), dashes, color="#0072B2", linewidth=2)
+    (line,) = axes.plot(poses[:, axis] * factor, phi(poses), dashes, label=label)
+    line.set(color="#0072B2", linewidth=2)
     clean(axes)
     axes.set_ylim(0, 1.03)

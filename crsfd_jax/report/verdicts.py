@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from crsfd_jax.report import html
-from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, RULE, Claim
+from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, RULES, Claim
 
 FILE = "claims.md"
 _SHOWN = 4
@@ -23,15 +23,20 @@ def section(claims: Sequence[Claim]) -> str:
     body = "\n".join(rows)
     return html.section(
         "Claims of the paper",
-        html.paragraph(RULE, "quiet"),
+        html.folded("how the verdicts are made", html.bullets(RULES)),
         f"<table><thead><tr><th>verdict</th><th>claim and the numbers that decide</th></tr></thead>"
         f"<tbody>{body}</tbody></table>",
     )
 
 
-def markdown(claims: Sequence[Claim]) -> str:
-    """A document with a row for each claim and every comparison below."""
+def markdown(claims: Sequence[Claim], made_of: Sequence[str]) -> str:
+    """A document with a row for each claim, how verdicts are made, and every comparison.
+
+    Args:
+      made_of: lines that say what runs are behind it.
+    """
     rows = [f"| {c.verdict} | {c.statement} | {_counted(c)} |" for c in claims]
+    rules = ["", "## How the verdicts are made", "", *(f"- {rule}" for rule in RULES)]
     each = [
         line
         for claim in claims
@@ -40,12 +45,12 @@ def markdown(claims: Sequence[Claim]) -> str:
     top = [
         "# Claims of the paper",
         "",
-        RULE,
+        *(f"- {line}" for line in made_of),
         "",
         "| verdict | claim | comparisons |",
         "|---|---|---|",
     ]
-    return "\n".join([*top, *rows, *each]) + "\n"
+    return "\n".join([*top, *rows, *rules, *each]) + "\n"
 
 
 def _bullets(claim: Claim) -> list[str]:

@@ -1,5 +1,6 @@
 """What options are called in figures and tables, with their units."""
 
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -25,6 +26,12 @@ def in_words(changed: Mapping[str, Any], drawn: Randomisation) -> str:
     words = _drawn(drawn) if len(rest) < len(changed) else []
     words += [_in_words(name, value) for name, value in rest.items()]
     return ", ".join(words[:_MOST]) + ", ..." * (len(words) > _MOST)
+
+
+def by_size(said: str) -> list[tuple[bool, float, str]]:
+    """Sorts words by the size of the numbers in them: of 10 demonstrations after of 5."""
+    parts = filter(None, re.split(r"(\d+\.?\d*)", said))
+    return [(False, float(p), "") if p[0].isdigit() else (True, 0.0, p) for p in parts]
 
 
 def _drawn(drawn: Randomisation) -> list[str]:
