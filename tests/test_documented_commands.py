@@ -24,7 +24,7 @@ RECORDED = {
     f"{DEMOS} record": "demos.npz",
     f"{DEMOS} record --out mine.npz": "mine.npz",
     f"{DEMOS} record --shape 1 --episodes 20 --noise 1.5 --out one.npz": "one.npz",
-    f"{DEMOS} record --shape 1 --out one.npz": "one.npz",
+    f"{DEMOS} record --shape plus.txt --out plus.npz": "plus.npz",
 }
 """Command -> its file. The shipped demonstrations, of an expert that has trained to the end, take
 the file's place afterwards."""
@@ -61,7 +61,7 @@ IN_ORDER = {
     **dict.fromkeys(RECORDED, EXPERT),
     f"{DEMOS} check mine.npz": "",
     f"{TRAIN} --shape 2 --demos mine.npz --demo-episodes 10": f"{SMOKE} --out runs/mine",
-    f"{TRAIN} --shape plus.txt --demos one.npz": f"{SMOKE} --out runs/one",
+    f"{TRAIN} --shape 1 --demos plus.npz": f"{SMOKE} --out runs/plus-1",
     f"{DEMOS} export builtin --format robomimic --out demos.hdf5": "",
     f"{DEMOS} import demos.hdf5 --out imported.npz": "",
     f"{DEMOS} check imported.npz": "",

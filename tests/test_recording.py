@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from crsfd_jax import config
+from crsfd_jax import cli, config
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.demos import __main__ as demos_command
 from crsfd_jax.demos import builtin, dataset, record, recordable, replay, rollout
@@ -164,6 +164,14 @@ def test_recording_is_refused_where_a_replay_could_not_follow():
         {"randomisation": Randomisation(socket_yaw=(-0.1, 0.1))},
     ):
         assert "recording needs" in recordable.refusal(dataclasses.replace(options, **changed))
+
+
+def test_an_expert_of_a_shape_of_ones_own_can_be_recorded_and_of_several_cannot(tmp_path):
+    (tmp_path / "bar.txt").write_text("#\n#\n")
+    options = cli.parse(Record, ["--shape", str(tmp_path / "bar.txt")])
+    assert record.training_options(options).shape == "bar=#/#"
+    with pytest.raises(UserError, match="--shape: got '0,1', allowed: one shape"):
+        demos_command.run(["record", "--shape", "0,1", "--out", str(tmp_path / "no.npz")])
 
 
 def test_the_expert_learns_from_the_dense_reward_as_it_is():

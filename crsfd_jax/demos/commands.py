@@ -18,7 +18,7 @@ _TRIALS = 200
 def record_file(options: Record, command: str) -> int:
     """Trains the expert, records it and writes the file; 1 if it learned too little."""
     config = record.training_options(options)
-    validation.validate(config)
+    _validate(config)
     if reason := recordable.refusal(config):
         raise UserError(f"{options.out}: {reason}; leave those options out")
     files.reserve(options.out)
@@ -29,7 +29,7 @@ def record_file(options: Record, command: str) -> int:
         reached.append(success)
         print(f"expert: {env_steps:7d} steps, success {success:.2f}", flush=True)
 
-    print(f"training the expert of shape {options.shape}", flush=True)
+    print(f"training the expert of shape {shapes.label(options.shape)}", flush=True)
     expert = record.train_expert(options, report)
     _write(options, options.seed, config, expert, command)
     if reached[-1] < options.enough:
@@ -47,11 +47,7 @@ def record_run(options: FromRun, command: str) -> int:
         shift=source.config.shift if options.shift is None else options.shift,
         engine="auto",
     )
-    validation.validate(config)
-    if len(shapes.read(config.shape)) > 1:
-        raise UserError(
-            f"--shape: got {config.shape!r}, allowed: one shape; choose one to demonstrate"
-        )
+    _validate(config)
     if reason := recordable.refusal(config):
         raise UserError(f"{options.run}: {reason}; choose another run")
     if options.noise and not algorithms.load(config.algorithm).interacts:
@@ -97,6 +93,15 @@ def check(name: str) -> int:
     if lost:
         print(f"{lost} episodes that the file calls successful do not insert here")
     return 1 if lost else 0
+
+
+def _validate(config: Config) -> None:
+    """Raises UserError for a task that cannot be, or that is of several shapes."""
+    validation.validate(config)
+    if len(shapes.read(config.shape)) > 1:
+        raise UserError(
+            f"--shape: got {config.shape!r}, allowed: one shape; choose one to demonstrate"
+        )
 
 
 def _write(

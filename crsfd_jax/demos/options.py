@@ -7,9 +7,9 @@ from typing import Annotated
 
 import tyro
 
-from crsfd_jax.config import SHAPES, Mdp, Sac, Scene
+from crsfd_jax.config import Mdp, Sac, Scene
 from crsfd_jax.options.field_types import Count, Engine, Envs, Seed, Shape, Shift
-from crsfd_jax.options.limits import Interval, OneOf
+from crsfd_jax.options.limits import Interval
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,8 @@ class Record:
 
     out: str = "demos.npz"
     """File to write; an existing one is not overwritten."""
-    shape: Annotated[str, OneOf(SHAPES)] = "0"
-    """Digit of the demonstrated task."""
+    shape: Shape = "0"
+    """Peg and socket of the demonstrated task: a digit, or a text file with a grid."""
     episodes: Annotated[int, Interval(1, 10_000)] = 40
     """Episodes to record; all are kept, whether they succeed or not."""
     noise: Annotated[float, Interval(0, 100)] = 1.5

@@ -24,7 +24,7 @@ class Provenance:
     schema: int = SCHEMA
     """Version of the file's layout."""
     shape: str
-    """Digit of the peg and its socket."""
+    """Of the peg and its socket: a digit, or a name and a grid, as `options.shapes` writes it."""
     clearance_m: float
     shift_m: float
     """Side of the square in which the socket's offset was drawn."""
