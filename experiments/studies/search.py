@@ -21,13 +21,16 @@ import matplotlib.figure
 import numpy as np
 import tyro
 from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
 
 from crsfd_jax import cli, compile_cache, task
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn.networks import mode_action
 from crsfd_jax.observation import SCALE
+from crsfd_jax.options import shapes
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.physics.interface import Surroundings
+from crsfd_jax.report.methods import style
 from crsfd_jax.storage import trained
 
 EPISODES = 1000
@@ -103,18 +106,43 @@ def where_touched(tip: np.ndarray, half: float) -> np.ndarray:
     return np.histogram2d(x[on_plate], y[on_plate], (edges, edges), density=True)[0]
 
 
-def draw(axis: Axes, values: np.ndarray, half_mm: float, title: str, top: float | None) -> None:
+class Found(NamedTuple):
+    """What is drawn of a run."""
+
+    label: str
+    half_mm: float
+    """Half the side of the square in which the hole lies."""
+    found: np.ndarray
+    touched: np.ndarray
+
+
+def draw(found: list[Found], path: Path) -> None:
+    """Two rows of maps, a column for each run; a row has one scale of colours."""
+    figure = matplotlib.figure.Figure((2.4 * len(found) + 1.2, 5.6), layout="constrained")
+    rows = figure.subplots(2, len(found), squeeze=False)
+    most = max(each.touched.max() for each in found)
+    for column, each in zip(rows.T, found, strict=True):
+        over = draw_map(column[0], each.found, each.half_mm, 0.5, 1.0)
+        on = draw_map(column[1], each.touched, 2 * each.half_mm, 0.0, most)
+        corner, side = (-each.half_mm, -each.half_mm), 2 * each.half_mm
+        column[1].add_patch(Rectangle(corner, side, side, fill=False, edgecolor="w", lw=1))
+        column[0].set_title(each.label, fontsize=10.5)
+    figure.colorbar(over, ax=rows[0].tolist(), label="success by place of the hole", extend="min")
+    bar = figure.colorbar(on, ax=rows[1].tolist(), label="where the tip touches the plate")
+    bar.set_ticks([0, most], labels=["never", "most"])
+    for axis in rows[:, 0]:
+        axis.set_ylabel("y, mm")
+    for axis in rows[1]:
+        axis.set_xlabel("x, mm")
+    figure.savefig(path, dpi=130)
+
+
+def draw_map(axis: Axes, values: np.ndarray, half_mm: float, low: float, high: float):
     """A map of values over the plane of the mouth."""
     extent = (-half_mm, half_mm, -half_mm, half_mm)
-    shown = axis.imshow(values.T, origin="lower", extent=extent, vmin=0, vmax=top)
-    axis.figure.colorbar(shown, ax=axis)
-    axis.set(title=title, xlabel="x, mm", ylabel="y, mm")
-
-
-def label(name: str) -> str:
-    """What is special about a run: its method and shape, and options after its seeds."""
-    method, shape, _, _, *options = name.split("-", 4)
-    return "\n".join([f"{method}, {shape}", *options])
+    axis.set_xticks([-half_mm, 0, half_mm])
+    axis.set_yticks([-half_mm, 0, half_mm])
+    return axis.imshow(values.T, origin="lower", extent=extent, vmin=low, vmax=high)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,14 +158,13 @@ class Search:
 
 
 def main(argv: list[str]) -> None:
-    """Prints a line for each run and draws a row of two maps for it."""
+    """Prints a line for each run and draws two maps of each."""
     options = cli.parse(Search, argv)
-    picture, runs = options.picture, (options.run, *options.others)
     compile_cache.enable()
-    figure = matplotlib.figure.Figure(figsize=(8, 3.4 * len(runs)), layout="constrained")
-    rows = figure.subplots(len(runs), 2, squeeze=False)
-    for (left, right), run in zip(rows, runs, strict=True):
-        half = trained.load(run).config.shift / 2
+    shown = []
+    for run in (options.run, *options.others):
+        config = trained.load(run).config
+        half = config.shift / 2
         if not half:
             raise UserError(f"{run}: its hole does not move; choose a run with a --shift")
         played = play(run)
@@ -150,13 +177,11 @@ def main(argv: list[str]) -> None:
             f"{words}; on the plate in {on_plate.sum() / np.isfinite(height).sum():.2f} of the "
             f"steps, with {played.push[on_plate].mean():.1f} N"
         )
-        found = where_found(offset, played.success, half)
-        draw(left, found, half * 1e3, "success by place of the hole", 1.0)
-        touched = where_touched(played.tip, half)
-        draw(right, touched, half * 2e3, "where the tip touches the plate", None)
-        left.set_ylabel(f"{label(run.name)}\n\ny, mm")
-    figure.savefig(picture, dpi=110)
-    print(picture)
+        where = where_found(offset, played.success, half), where_touched(played.tip, half)
+        label = f"{style(config.algorithm).label}, shape {shapes.label(config.shape)}"
+        shown.append(Found(label, half * 1e3, *where))
+    draw(shown, options.picture)
+    print(options.picture)
 
 
 if __name__ == "__main__":
