@@ -60,7 +60,8 @@ IN_ORDER = {
     f"{DEMOS} check": "",
     **dict.fromkeys(RECORDED, EXPERT),
     f"{DEMOS} check mine.npz": "",
-    f"{TRAIN} --shape 2 --demos mine.npz --demo-episodes 10": f"{SMOKE} --out runs/mine",
+    f"{TRAIN} --shape 2 --demos mine.npz": f"{SMOKE} --out runs/mine",
+    f"{TRAIN} --shape 2 --demos mine.npz --demo-episodes 10": f"{SMOKE} --out runs/mine-10",
     f"{TRAIN} --shape 1 --demos plus.npz": f"{SMOKE} --out runs/plus-1",
     f"{DEMOS} export builtin --format robomimic --out demos.hdf5": "",
     f"{DEMOS} import demos.hdf5 --out imported.npz": "",
@@ -82,6 +83,7 @@ IN_ORDER = {
 """Commands in an order in which each finds its files, and what makes them small."""
 SWEEPS = (
     f"{SWEEP} setting1 --dry-run",
+    f"{SWEEP} early --dry-run",
     f"{SWEEP} setting1 --together 4 --dry-run",
     f"{SWEEP} setting1 --only 'crsfd-shape2*'",
     f"{SWEEP} setting1 --status",
