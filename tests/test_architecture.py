@@ -177,3 +177,32 @@ def test_files_and_functions_stay_short(path):
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert node.end_lineno - node.lineno < 60, f"{node.name} is longer than 60 lines"
+
+
+def names_in(module: str) -> set[str]:
+    """What a module defines or imports, and the modules in a package."""
+    names = {name.rpartition(".")[2] for name in MODULES if name.rpartition(".")[0] == module}
+    for node in tree(MODULES[module]).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            names |= {alias.asname or alias.name for alias in node.names}
+        else:
+            names |= {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+    return names
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_is_read_of_a_module_is_there(path):
+    nodes = list(ast.walk(tree(path)))
+    read_of = {}
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom):
+            inner = f"{node.module}.".removeprefix(f"{PACKAGE}.")
+            for alias in node.names:
+                if inner + alias.name in MODULES and node.module.startswith(PACKAGE):
+                    read_of[alias.asname or alias.name] = inner + alias.name
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            module = read_of.get(node.value.id)
+            assert module is None or node.attr in names_in(module), ast.unparse(node)
