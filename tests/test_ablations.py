@@ -46,7 +46,7 @@ def fitted(name, free_space_weight=1.0):
 
 def mean_in_free_space(name):
     learned, _ = fitted(name)
-    far = probe_env.free_space(jax.random.key(1), 4000)[..., TIP_POSE]
+    far = probe_env.free_space(jax.random.key(1), 4000)
     return float(jnp.mean(potential.evaluate(learned, far)))
 
 

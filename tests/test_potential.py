@@ -248,8 +248,7 @@ def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
     )
 
     def around(key, count):
-        found = jnp.zeros((count, OBS_SIZE))
-        return found.at[:, TIP_POSE].set(jax.random.uniform(key, (count, 6), minval=-5, maxval=5))
+        return jax.random.uniform(key, (count, 6), minval=-5, maxval=5)
 
     def drop(shift, spread, demo_shift=0.0):
         """How far the potential falls from the nominal mouth to 4 mm aside."""

@@ -25,7 +25,7 @@ from crsfd_jax.learn.networks import Params, apply
 from crsfd_jax.learn.returns import monte_carlo_returns
 from crsfd_jax.types import Transition
 
-SampleFreeSpace = Callable[[jax.Array, int], jax.Array]
+FreeSpace = Callable[[jax.Array, int], jax.Array]
 """Maps a key and a count n to features [n, F] spread over the free space."""
 Move = Callable[[jax.Array, jax.Array], jax.Array]
 """Maps a key and features [n, F] of demonstrations to where else they are as good."""
@@ -69,12 +69,12 @@ def demonstration_targets(
     return obs, targets
 
 
-@functools.partial(jax.jit, static_argnames=("sample_free_space", "potential", "move"))
+@functools.partial(jax.jit, static_argnames=("free_space", "potential", "move"))
 def fit(
     key: jax.Array,
     features: jax.Array,
     targets: jax.Array,
-    sample_free_space: SampleFreeSpace,
+    free_space: FreeSpace,
     potential: config.Potential,
     move: Move,
 ) -> FittedPotential:
@@ -94,7 +94,7 @@ def fit(
         fitted, opt_state = carry
         demo_key, free_key = jax.random.split(step_key)
         rows = jax.random.randint(demo_key, (potential.batch_size,), 0, features.shape[0])
-        free = sample_free_space(free_key, potential.batch_size)
+        free = free_space(free_key, potential.batch_size)
         known = move(jax.random.fold_in(demo_key, _MOVING), features[rows])
         gradient = jax.grad(regression_loss)(
             fitted, known, targets[rows], free, potential.free_space_weight
