@@ -101,7 +101,7 @@ def restore(folder: Path, like: Any, at_most: float = math.inf) -> Checkpoint | 
     A damaged one is renamed to `<step>.damaged`, and a warning names it.
 
     Args:
-      like: the state's structure, as arrays or from jax.eval_shape; its shardings are kept.
+      like: the state's structure, as from jax.eval_shape.
       at_most: a step; checkpoints beyond it are forgotten.
 
     Raises:
@@ -151,7 +151,7 @@ def _read(path: Path, step: int, like: Any) -> Checkpoint:
         if digest(array) != described[name].sha256:
             raise _Damaged(f"digest of {name}")
         with _damage_reported():
-            leaves.append(from_numpy(array, leaf, described[name].implementation))
+            leaves.append(from_numpy(array, described[name].implementation))
     state = jax.tree.unflatten(jax.tree.structure(like), leaves)
     return Checkpoint(step, state, extra)
 

@@ -45,15 +45,11 @@ def to_numpy(leaf: Any) -> np.ndarray:
     return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf, order="C")
 
 
-def from_numpy(array: np.ndarray, like: Any, implementation: str | None) -> Any:
-    """The leaf of a plain array, of the same kind and in the same place as `like`."""
-    if isinstance(like, np.ndarray):
-        return array
+def from_numpy(array: np.ndarray, implementation: str | None) -> jax.Array:
+    """The leaf of a plain array: a PRNG key of that generator, or an array like it."""
+    # Free to move to another device, as what a program starts with is: it compiles once.
     leaf = jnp.array(array)
-    if implementation:
-        leaf = jax.random.wrap_key_data(leaf, impl=implementation)
-    # An array that was free to move must stay so, or every function is compiled again.
-    return jax.device_put(leaf, like.sharding if getattr(like, "committed", True) else None)
+    return jax.random.wrap_key_data(leaf, impl=implementation) if implementation else leaf
 
 
 def digest(array: np.ndarray) -> str:
