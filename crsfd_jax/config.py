@@ -4,8 +4,6 @@ Those of `randomisation` are in options/randomisation.py. Neither imports jax or
 bad command line is answered at once.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ Source: Ho and Ermon 2016 (arXiv 1606.03476); Kostrikov et al. 2019 (arXiv 1809.
 its training from a replay buffer and the penalty of Gulrajani et al. 2017.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import cast
 

@@ -3,8 +3,6 @@
 Source: Haarnoja et al. 2018 (arXiv 1812.05905), appendix C for the squashing.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import jax

@@ -7,8 +7,6 @@ pays 1 once: a negative potential would reward standing still.
 Source: Guo et al. 2022, Algorithm 1.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any, cast

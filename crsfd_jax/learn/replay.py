@@ -8,8 +8,6 @@ argument (`step`, `in_axes=None` under vmap) and writing stays a slice update in
 Source: Schaul et al. 2016 (arXiv 1511.05952); Vecerik et al. 2017 (arXiv 1707.08817).
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import flax.struct

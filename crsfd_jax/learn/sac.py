@@ -7,8 +7,6 @@ Source: Haarnoja et al. 2018 (arXiv 1812.05905); Vecerik et al. 2017 (arXiv 1707
 the mix of 1-step and n-step losses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import cast
 

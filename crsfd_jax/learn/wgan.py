@@ -11,8 +11,6 @@ only the places where the generator has been: with penalties from 0.1 to 10 and 
 Source: Wu, Mozifian, Shkurti 2021 (arXiv 2011.01298); Gulrajani et al. 2017 (arXiv 1704.00028).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any
