@@ -175,11 +175,6 @@ def test_an_error_that_is_not_finite_leaves_its_row_as_it_was(bad, exponent):
     assert np.isfinite(new.priority).all() and np.isfinite(new.max_priority)
 
 
-def test_a_ring_smaller_than_one_vector_step_is_refused():
-    with pytest.raises(ValueError, match=r"capacity is 24 .* 64 rows"):
-        replay.init(rows([]), 64, CONFIG)
-
-
 class Model:
     """What the buffer means: for every row, the rows that follow it in its episode."""
 

@@ -75,16 +75,11 @@ class Batch:
 def init(demos: Transition, num_envs: int, replay: config.Replay) -> ReplayState:
     """Empty ring behind the demonstrations [D]; D may be 0.
 
-    Raises:
-      ValueError: the capacity is less than one vector step.
+    Args:
+      num_envs: the capacity is a multiple of it.
     """
     num_demos = demos.reward.shape[0]
-    num_rows = num_demos + replay.capacity // num_envs * num_envs
-    if num_rows == num_demos:
-        raise ValueError(
-            f"replay.capacity is {replay.capacity} but a vector step writes {num_envs} rows; "
-            f"raise it to {num_envs} or more"
-        )
+    num_rows = num_demos + replay.capacity
     demo_priority = (1.0 + replay.demo_bonus) ** replay.priority_exponent
     priority = jnp.zeros(-(-num_rows // BLOCK) * BLOCK).at[:num_demos].set(demo_priority)
 
