@@ -66,7 +66,6 @@ def test_with_the_same_gamma_a_demonstrated_step_earns_nothing_and_otherwise_som
     batch = Batch(
         obs=demos.obs,
         action=demos.action,
-        is_demo=jnp.ones(LENGTH, bool),
         weight=jnp.ones(LENGTH),
         one_step=step,
         n_step=step,

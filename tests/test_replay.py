@@ -248,7 +248,6 @@ def test_n_step_returns_agree_with_a_slow_model_on_random_histories(n_step, step
             assert backup.reward[i] == pytest.approx(reward, rel=1e-5)
             assert backup.terminated[i] == terminated
             np.testing.assert_array_equal(backup.next_obs[i], next_obs)
-    np.testing.assert_array_equal(batch.is_demo, [row < 9 for row, _, _ in entries])
 
 
 def test_only_rows_that_the_model_knows_are_ever_drawn():

@@ -224,7 +224,6 @@ def test_critic_learns_the_value_of_a_loop_with_a_known_reward():
         batch = Batch(
             obs=obs,
             action=action,
-            is_demo=ones < 0,
             weight=ones,
             one_step=one_step,
             n_step=three_step,

@@ -66,7 +66,6 @@ class Batch:
 
     obs: jax.Array
     action: jax.Array
-    is_demo: jax.Array
     weight: jax.Array
     one_step: Backup
     n_step: Backup
@@ -143,7 +142,6 @@ def gather(state: ReplayState, draw: Draw, rewards: jax.Array, gamma: float) -> 
     return Batch(
         obs=state.storage.obs[rows],
         action=state.storage.action[rows],
-        is_demo=rows < state.num_demos,
         weight=draw.weight,
         one_step=_backup(state, draw.rows[..., :1], draw.alive[..., :1], rewards, gamma),
         n_step=_backup(state, draw.rows, draw.alive, rewards, gamma),

@@ -141,7 +141,8 @@ def learn(
     # In units of the rewards, as the floor and the bonus are: their scale changes no priority.
     td_error = td_error / config.sac.reward_scale
     buffer = replay.reprioritise(state.replay, draw, td_error, config.replay)
-    metrics = {**metrics, "demo_share": jnp.mean(batches.is_demo, dtype=jnp.float32)}
+    is_demo = draw.rows[..., 0] < state.replay.num_demos
+    metrics = {**metrics, "demo_share": jnp.mean(is_demo, dtype=jnp.float32)}
     state = state.replace(agent=agent, prepared=prepared, replay=buffer)
     # Averaged together with the zeros of the steps of warm-up, it is the share of the others.
     return state, {**jax.tree.map(jnp.mean, metrics), "learned": jnp.float32(1.0)}
