@@ -15,7 +15,7 @@ from crsfd_jax.algorithms import rsgm
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.demos import builtin
 from crsfd_jax.learn import networks, sac, wgan
-from crsfd_jax.learn.discriminator import Score
+from crsfd_jax.learn.discriminator import PENALTY, Score
 from crsfd_jax.learn.replay import Batch
 from crsfd_jax.training import chunk, train_step
 from crsfd_jax.types import Transition
@@ -126,7 +126,7 @@ def test_critic_loss_of_a_linear_score_is_the_gap_of_means_plus_the_penalty():
     params = Score(()).init(jax.random.key(1), jnp.zeros(3))
     weight = np.asarray(params["params"]["Dense_0"]["kernel"])[:, 0]
     expected = (fake.mean(0) - real.mean(0)) @ weight
-    expected += wgan.PENALTY * (np.linalg.norm(weight) - 1) ** 2
+    expected += PENALTY * (np.linalg.norm(weight) - 1) ** 2
     actual = wgan.critic_loss(Score(()), params, real, fake, np.linspace(0, 1, BATCH))
     assert actual == pytest.approx(expected, rel=1e-4)
 

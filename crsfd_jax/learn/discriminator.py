@@ -93,9 +93,16 @@ def loss(
       mix: [B] in [0, 1], where between each pair the slope is penalised.
     """
     right = nn.softplus(-apply(score, params, expert)), nn.softplus(apply(score, params, agent))
-    between = mix[:, None] * expert + (1 - mix[:, None]) * agent
-    slope = gradient_penalty(lambda x: apply(score, params, x), between)
-    return jnp.mean(right[0]) + jnp.mean(right[1]) + PENALTY * slope
+    steep = slope_penalty(score, params, expert, agent, mix)
+    return jnp.mean(right[0]) + jnp.mean(right[1]) + steep
+
+
+def slope_penalty(
+    score: Score, params: Params, real: jax.Array, fake: jax.Array, mix: jax.Array
+) -> jax.Array:
+    """PENALTY times the gradient penalty between rows [B, F], where mix [B] in [0, 1] says."""
+    between = mix[:, None] * real + (1 - mix[:, None]) * fake
+    return PENALTY * gradient_penalty(lambda x: apply(score, params, x), between)
 
 
 def gradient_penalty(function: Callable[[jax.Array], jax.Array], points: jax.Array) -> jax.Array:

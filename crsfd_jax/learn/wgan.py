@@ -22,15 +22,13 @@ import optax
 from flax import linen as nn
 
 from crsfd_jax import config
-from crsfd_jax.learn.discriminator import Score, gradient_penalty
+from crsfd_jax.learn.discriminator import Score, slope_penalty
 from crsfd_jax.learn.networks import Params, apply
 
 CRITIC_STEPS = 5
 """Steps of the critic for each one of the generator."""
 LATENT = 6
 """Uniform numbers that the generator makes a row of."""
-PENALTY = 10.0
-"""Weight of the gradient penalty."""
 BATCH = 128
 """Demonstrated rows, and as many fakes, in a step."""
 STEEPNESS = 2.0
@@ -114,10 +112,9 @@ def critic_loss(
     score: Score, params: Params, real: jax.Array, fake: jax.Array, mix: jax.Array
 ) -> jax.Array:
     """mean f(fake) - mean f(real) + penalty, for rows [B, F] and mix [B] in [0, 1]."""
-    between = mix[:, None] * real + (1 - mix[:, None]) * fake
-    slope = gradient_penalty(lambda x: apply(score, params, x), between)
+    steep = slope_penalty(score, params, real, fake, mix)
     gap = jnp.mean(apply(score, params, fake)) - jnp.mean(apply(score, params, real))
-    return gap + PENALTY * slope
+    return gap + steep
 
 
 def evaluate(potential: WganPotential, rows: jax.Array) -> jax.Array:
