@@ -53,7 +53,7 @@ def method(features: Features) -> Method:
     def prepare(key: jax.Array, preparation: Preparation, config: Config) -> Judge:
         demos = preparation.demos
         return Judge(
-            discriminator=discriminator.init(key, features(demos), tuple(config.sac.hidden)),
+            discriminator=discriminator.init(key, features(demos), config.sac.hidden),
             success_share=jnp.mean(demos.terminated, dtype=jnp.float32),
         )
 

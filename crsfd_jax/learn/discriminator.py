@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import optax
 from flax import linen as nn
 
-from crsfd_jax.learn.networks import Params, apply
+from crsfd_jax.learn.networks import Params, apply, dense
 
 PENALTY = 10.0
 """Weight of the gradient penalty."""
@@ -44,10 +44,7 @@ class Score(nn.Module):
 
     @nn.compact
     def __call__(self, features: jax.Array) -> jax.Array:
-        x = features
-        for width in self.hidden:
-            x = nn.tanh(nn.Dense(width)(x))
-        return nn.Dense(1)(x).squeeze(-1)
+        return dense(features, self.hidden, nn.tanh, 1).squeeze(-1)
 
 
 def init(key: jax.Array, expert: jax.Array, hidden: tuple[int, ...]) -> Discriminator:

@@ -19,7 +19,7 @@ import optax
 from flax import linen as nn
 
 from crsfd_jax import config
-from crsfd_jax.learn.networks import Params, apply
+from crsfd_jax.learn.networks import Params, apply, dense
 from crsfd_jax.learn.returns import monte_carlo_returns
 from crsfd_jax.types import Transition
 
@@ -44,10 +44,7 @@ class _Value(nn.Module):
 
     @nn.compact
     def __call__(self, features: jax.Array) -> jax.Array:
-        x = features
-        for width in self.hidden:
-            x = nn.relu(nn.Dense(width)(x))
-        return nn.sigmoid(nn.Dense(1)(x).squeeze(-1))
+        return nn.sigmoid(dense(features, self.hidden, nn.relu, 1).squeeze(-1))
 
 
 def demonstration_targets(
@@ -83,7 +80,7 @@ def fit(
         the targets over what it draws.
     """
     init_key, loop_key = jax.random.split(key)
-    hidden = tuple(potential.hidden)
+    hidden = potential.hidden
     fitted = FittedPotential(params=_Value(hidden).init(init_key, features[0]), hidden=hidden)
     optimiser = optax.adam(potential.learning_rate)
     opt_state = optimiser.init(cast(Any, fitted))

@@ -23,7 +23,7 @@ from flax import linen as nn
 
 from crsfd_jax import config
 from crsfd_jax.learn.discriminator import Score, slope_penalty
-from crsfd_jax.learn.networks import Params, apply
+from crsfd_jax.learn.networks import Params, apply, dense
 
 CRITIC_STEPS = 5
 """Steps of the critic for each one of the generator."""
@@ -53,10 +53,7 @@ class _Generator(nn.Module):
 
     @nn.compact
     def __call__(self, latent: jax.Array) -> jax.Array:
-        x = latent
-        for width in self.hidden:
-            x = nn.relu(nn.Dense(width)(x))
-        return nn.Dense(self.size)(x)
+        return dense(latent, self.hidden, nn.relu, self.size)
 
 
 @functools.partial(jax.jit, static_argnames="options")
@@ -69,7 +66,7 @@ def fit(
       foils: [N, F] rows off the demonstrations; on average they lie as far below the middle of
         the potential as `rows` above it.
     """
-    score, generator = Score(tuple(options.hidden)), _Generator(options.hidden, rows.shape[-1])
+    score, generator = Score(options.hidden), _Generator(options.hidden, rows.shape[-1])
     optimiser = optax.adam(options.learning_rate, b1=0.5, b2=0.9)
     critic_key, generator_key, loop_key = jax.random.split(key, 3)
     critic = score.init(critic_key, rows[0])
