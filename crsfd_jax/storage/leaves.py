@@ -24,7 +24,7 @@ def type_name(leaf: Any) -> str:
 
 def stored_type(leaf: Any) -> tuple[tuple[int, ...], np.dtype]:
     """Shape and type of a leaf as a plain array; a PRNG key is stored as its words."""
-    if _is_key(leaf):
+    if is_key(leaf):
         leaf = jax.eval_shape(jax.random.key_data, leaf)
     return leaf.shape, np.dtype(leaf.dtype)
 
@@ -35,14 +35,19 @@ def stored_bytes(state: Any) -> int:
     return sum(math.prod(shape) * dtype.itemsize for shape, dtype in types)
 
 
+def is_key(leaf: Any) -> bool:
+    """Whether a leaf or its structure is a typed PRNG key."""
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
 def key_implementation(leaf: Any) -> str | None:
     """Name of the generator of a PRNG key; None for other arrays."""
-    return str(jax.random.key_impl(leaf)) if _is_key(leaf) else None
+    return str(jax.random.key_impl(leaf)) if is_key(leaf) else None
 
 
 def to_numpy(leaf: Any) -> np.ndarray:
     """The plain array of a leaf."""
-    return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf, order="C")
+    return np.asarray(jax.random.key_data(leaf) if is_key(leaf) else leaf, order="C")
 
 
 def from_numpy(array: np.ndarray, implementation: str | None) -> jax.Array:
@@ -55,7 +60,3 @@ def from_numpy(array: np.ndarray, implementation: str | None) -> jax.Array:
 def digest(array: np.ndarray) -> str:
     """SHA-256 of an array's bytes."""
     return hashlib.sha256(array.tobytes()).hexdigest()
-
-
-def _is_key(leaf: Any) -> bool:
-    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
