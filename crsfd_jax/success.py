@@ -16,9 +16,7 @@ from crsfd_jax.storage.trained import Trained
 from crsfd_jax.training import divergence
 
 
-def report(
-    run: Path, config: Config, episodes: int, seed: int, table: str = "", asked: str = ""
-) -> None:
+def report(run: Path, config: Config, episodes: int, seed: int, table: str, asked: str) -> None:
     """Prints a line for each seed, for each shape if there are several, and for all of them.
 
     Args:
