@@ -22,8 +22,8 @@ ORDER = tuple(
     scene.digits scene.build scene.kinematics drawing
     physics.interface physics.host_call physics.native physics.mjx physics.select
     observation scene.randomize sensing env task functional training.devices
-    demos.options demos.provenance demos.dataset demos.builtin demos.replay
-    demos.layout demos.hdf5 demos.robomimic demos.minari demos.exchange
+    demos.options demos.provenance demos.dataset demos.builtin
+    demos.layout demos.replay demos.hdf5 demos.robomimic demos.minari demos.exchange
     learn algorithms free_space training.divergence training.train_step training.chunk evaluation
     storage.trained success deploy shown_potential
     demos.recordable demos.rollout demos.expert demos.record demos.commands
