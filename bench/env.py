@@ -4,8 +4,6 @@ Every engine runs as in training: a jitted scan over control steps of a batch. B
 turn with it, MuJoCo's own batch steps the same model from the same states under the same setpoint.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import importlib.util

@@ -5,18 +5,21 @@ run is the sum over its chunks and evaluations. `rest` is what a chunk takes bey
 and updates: acting, storing, keys.
 """
 
+import functools
 import json
 import time
 
 import jax
 import jax.numpy as jnp
 
-from crsfd_jax import cli, compile_cache
+from crsfd_jax import algorithms, cli, compile_cache, task
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
+from crsfd_jax.options import schedule
+from crsfd_jax.options.schedule import CHUNK_STEPS
 from crsfd_jax.storage import manifest
-from crsfd_jax.training import devices
-from crsfd_jax.training import program as program_of
+from crsfd_jax.training import devices, train_step
+from crsfd_jax.training.program import build, fitted
 
 ROUNDS = 5
 
@@ -34,47 +37,47 @@ def timed(function, *arguments) -> float:
 
 def measure(config: Config) -> dict:
     """Seconds of each part of a run with this configuration."""
-    program = program_of.build([config], builtin.load(config.demos))
+    program = build([config], builtin.load(config.demos))
     began = time.perf_counter()
     states = jax.block_until_ready(program.start())
     prepared = time.perf_counter() - began
     began = time.perf_counter()
     advance = program.advance.lower(states, jnp.int32(0)).compile()
-    evaluate = program.evaluate.lower(states.agent.actor, jnp.int32(0)).compile()
+    evaluate = program.evaluate.lower(states.agent.average_actor, jnp.int32(0)).compile()
     compiled = time.perf_counter() - began
-    warm = -(-config.sac.warmup_steps // config.envs // program_of.CHUNK_STEPS) + 1
+    warm = -(-schedule.warmup_steps(config) // CHUNK_STEPS) + 1
     for i in range(warm):
-        states, _ = advance(states, jnp.int32(i * program_of.CHUNK_STEPS))
+        states, _ = advance(states, jnp.int32(i * CHUNK_STEPS))
     began = time.perf_counter()
     for i in range(warm, warm + ROUNDS):
-        states, _ = advance(states, jnp.int32(i * program_of.CHUNK_STEPS))
+        states, _ = advance(states, jnp.int32(i * CHUNK_STEPS))
     jax.block_until_ready(states.key)
     chunk = (time.perf_counter() - began) / ROUNDS
+
+    env, method = task.make_env(config), algorithms.load(config.algorithm)
+    nets = train_step.make(env, method, config).nets
+    update = functools.partial(train_step.learn, nets, method, method.configure(config))
 
     def physics(envs, keys):
         def body(envs, keys):
             action = jax.vmap(lambda k: jax.random.uniform(k, (config.envs, 6), minval=-1.0))(keys)
-            return jax.vmap(program.env.step)(envs, action, keys)[0], None
+            return jax.vmap(env.step)(envs, action, keys)[0], None
 
         return jax.lax.scan(body, envs, keys)[0]
 
     def updates(states, keys):
         def body(states, keys):
-            step = jnp.int32(warm * program_of.CHUNK_STEPS)
-            learn = jax.vmap(program.learner.learn, in_axes=(0, None, 0))
-            return learn(states, step, keys)[0], None
+            step = jnp.int32(warm * CHUNK_STEPS)
+            return jax.vmap(update, in_axes=(0, None, 0))(states, step, keys)[0], None
 
         return jax.lax.scan(body, states, keys)[0].agent
 
-    keys = jax.random.split(jax.random.key(0), (program_of.CHUNK_STEPS, config.seeds))
+    keys = jax.random.split(jax.random.key(0), (CHUNK_STEPS, config.seeds))
     physics_s = timed(jax.jit(physics), states.env, keys)
     updates_s = timed(jax.jit(updates), states, keys)
-    evaluation_s = timed(evaluate, states.agent.actor, jnp.int32(0))
-    total = program_of.total_steps(config)
-    chunks, evaluations = (
-        total // program_of.CHUNK_STEPS,
-        -(-total // program_of.evaluation_period(config)),
-    )
+    evaluation_s = timed(evaluate, states.agent.average_actor, jnp.int32(0))
+    total = schedule.total_steps(config)
+    chunks, evaluations = total // CHUNK_STEPS, -(-total // schedule.evaluation_period(config))
     parts = {
         "prepare_s": prepared,
         "compile_s": compiled,
@@ -85,14 +88,14 @@ def measure(config: Config) -> dict:
     }
     return {name: round(value, 2) for name, value in parts.items()} | {
         "total_s": round(sum(parts.values()), 1),
-        "env_steps_per_second": round(program_of.CHUNK_STEPS * config.envs * config.seeds / chunk),
+        "env_steps_per_second": round(CHUNK_STEPS * config.envs * config.seeds / chunk),
     }
 
 
 def run(argv: list[str]) -> int:
     """Measures the run that a training command line describes."""
     compile_cache.enable()
-    config = program_of.fitted(cli.parse(Config, argv))
+    config = fitted(cli.parse(Config, argv))
     line = {
         "bench": "train",
         "algorithm": config.algorithm,

@@ -6,8 +6,6 @@ same without the updates (sampling, re-prioritising, adding), and bare matrix pr
 shapes of an update.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

@@ -1,10 +1,8 @@
 """Every option of a run and its default, as frozen dataclasses. SI units inside.
 
-This is the only place that knows a default. It imports neither jax nor mujoco, so that a
+Those of `randomisation` are in options/randomisation.py. Neither imports jax or mujoco, so that a
 bad command line is answered at once.
 """
-
-from __future__ import annotations
 
 import dataclasses
 import typing

@@ -14,7 +14,7 @@ class Episodes:
 
     success: jax.Array
     length: jax.Array
-    """int32 control steps, the horizon if the peg was not inserted."""
+    """int32 control steps until insertion, the horizon or a breakdown of the simulation."""
     shape: jax.Array
     """int32 row of the scene's geometry tables."""
 

@@ -1,7 +1,7 @@
 """The task as pure functions of one environment, in the shape that MuJoCo Playground made known.
 
-A view of `env.Env`. `jax.vmap` makes many environments of it, with the native engine too. Ended
-episodes stay ended until `reset` is called: automatic resets are left to wrappers.
+A view of `env.Env`. `jax.vmap` makes many environments of it, with the native engine too. `step`
+goes on simulating where an episode has ended: automatic resets are left to wrappers.
 """
 
 from collections.abc import Callable

@@ -15,6 +15,7 @@ import numpy as np
 
 from crsfd_jax import extras, functional, task
 from crsfd_jax.config import Config
+from crsfd_jax.demos.layout import ENV_NAME
 from crsfd_jax.drawing import opengl
 from crsfd_jax.drawing.picture import render
 from crsfd_jax.env import EnvState
@@ -32,7 +33,7 @@ except ModuleNotFoundError as error:
         f"{extras.install_command('gym')}"
     ) from error
 
-ID = "crsfd/Insertion-v0"
+ID = ENV_NAME
 _METADATA = {"render_modes": ["rgb_array"], "render_fps": 10}
 _WIDTH, _HEIGHT = 640, 480
 

@@ -16,9 +16,7 @@ from crsfd_jax.storage.trained import Trained
 from crsfd_jax.training import divergence
 
 
-def report(
-    run: Path, config: Config, episodes: int, seed: int, table: str = "", asked: str = ""
-) -> None:
+def report(run: Path, config: Config, episodes: int, seed: int, table: str, asked: str) -> None:
     """Prints a line for each seed, for each shape if there are several, and for all of them.
 
     Args:
@@ -78,9 +76,9 @@ def _describe(config: Config) -> str:
 def _line(success: np.ndarray, length: np.ndarray, where: np.ndarray | bool = True) -> str:
     """What episodes [S, E] of seeds came to, of those at `where`."""
     counted = np.broadcast_to(where, success.shape)
-    won, trials = (success & counted).sum(axis=1), counted.sum(axis=1)
-    low, high = rate_interval(won, trials)
+    won, played = (success & counted).sum(axis=1), counted.sum(axis=1)
+    low, high = rate_interval(won, played)
     return (
-        f"success {won.sum() / trials.sum():.3f}, 95 % interval {low:.3f} to {high:.3f} "
-        f"({won.sum()} of {trials.sum()}), {length[counted].mean():.1f} steps on average"
+        f"success {won.sum() / played.sum():.3f}, 95 % interval {low:.3f} to {high:.3f} "
+        f"({won.sum()} of {played.sum()}), {length[counted].mean():.1f} steps on average"
     )

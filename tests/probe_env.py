@@ -102,5 +102,5 @@ def preparation(num_demos: int = 6) -> Preparation:
 
 
 def free_space(key, count):
-    """Observations anywhere."""
-    return jax.random.uniform(key, (count, OBS_SIZE), minval=-3.0, maxval=3.0)
+    """Tip poses anywhere."""
+    return jax.random.uniform(key, (count, 6), minval=-3.0, maxval=3.0)

@@ -22,12 +22,11 @@ def backup(key, obs_size, terminated=None) -> Backup:
 
 
 def batch(obs_size, action_size) -> Batch:
-    """The same [BATCH] rows every time, none of them demonstrated, each with its own weight."""
+    """The same [BATCH] rows every time, each with its own weight."""
     keys = jax.random.split(jax.random.key(1), 5)
     return Batch(
         obs=jax.random.normal(keys[0], (BATCH, obs_size)),
         action=jax.random.uniform(keys[1], (BATCH, action_size), minval=-1.0),
-        is_demo=jnp.zeros(BATCH, bool),
         weight=jax.random.uniform(keys[2], (BATCH,), minval=0.2),
         one_step=backup(keys[3], obs_size),
         n_step=backup(keys[4], obs_size),

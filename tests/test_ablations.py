@@ -46,7 +46,7 @@ def fitted(name, free_space_weight=1.0):
 
 def mean_in_free_space(name):
     learned, _ = fitted(name)
-    far = probe_env.free_space(jax.random.key(1), 4000)[..., TIP_POSE]
+    far = probe_env.free_space(jax.random.key(1), 4000)
     return float(jnp.mean(potential.evaluate(learned, far)))
 
 
@@ -66,7 +66,6 @@ def test_with_the_same_gamma_a_demonstrated_step_earns_nothing_and_otherwise_som
     batch = Batch(
         obs=demos.obs,
         action=demos.action,
-        is_demo=jnp.ones(LENGTH, bool),
         weight=jnp.ones(LENGTH),
         one_step=step,
         n_step=step,

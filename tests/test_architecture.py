@@ -22,8 +22,8 @@ ORDER = tuple(
     scene.digits scene.build scene.kinematics drawing
     physics.interface physics.host_call physics.native physics.mjx physics.select
     observation scene.randomize sensing env task functional training.devices
-    demos.options demos.provenance demos.dataset demos.builtin demos.replay
-    demos.layout demos.hdf5 demos.robomimic demos.minari demos.exchange
+    demos.options demos.provenance demos.dataset demos.builtin
+    demos.layout demos.replay demos.hdf5 demos.robomimic demos.minari demos.exchange
     learn algorithms free_space training.divergence training.train_step training.chunk evaluation
     storage.trained success deploy shown_potential
     demos.recordable demos.rollout demos.expert demos.record demos.commands
@@ -177,3 +177,32 @@ def test_files_and_functions_stay_short(path):
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert node.end_lineno - node.lineno < 60, f"{node.name} is longer than 60 lines"
+
+
+def names_in(module: str) -> set[str]:
+    """What a module defines or imports, and the modules in a package."""
+    names = {name.rpartition(".")[2] for name in MODULES if name.rpartition(".")[0] == module}
+    for node in tree(MODULES[module]).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            names |= {alias.asname or alias.name for alias in node.names}
+        else:
+            names |= {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+    return names
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_is_read_of_a_module_is_there(path):
+    nodes = list(ast.walk(tree(path)))
+    read_of = {}
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom):
+            inner = f"{node.module}.".removeprefix(f"{PACKAGE}.")
+            for alias in node.names:
+                if inner + alias.name in MODULES and node.module.startswith(PACKAGE):
+                    read_of[alias.asname or alias.name] = inner + alias.name
+    for node in nodes:
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            module = read_of.get(node.value.id)
+            assert module is None or node.attr in names_in(module), ast.unparse(node)

@@ -64,7 +64,6 @@ def test_the_loss_is_the_squared_error_of_the_deterministic_action():
     batch = Batch(
         obs=demos.obs,
         action=demos.action,
-        is_demo=jnp.ones(9, bool),
         weight=jnp.ones(9),
         one_step=step,
         n_step=step,

@@ -1,11 +1,11 @@
-"""States drawn in free space are states that the arm can be in, above the mouth."""
+"""Poses drawn in free space are poses that the arm can have, above the mouth."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from crsfd_jax import env, free_space, observation
+from crsfd_jax import free_space
+from crsfd_jax.observation import POSE_SCALE
 from crsfd_jax.scene import kinematics
 
 COUNT = 2000
@@ -17,52 +17,48 @@ def sample(scene):
 
 
 @pytest.fixture(scope="module")
-def obs(sample):
-    return sample(jax.random.key(0), COUNT)
+def poses(sample):
+    return np.asarray(sample(jax.random.key(0), COUNT))
 
 
-def whole(obs):
-    """Rows in which nothing was clipped, and which tell their state completely."""
-    rows = np.asarray(obs)
-    return jnp.asarray(rows[np.abs(rows).max(axis=1) < 10])
+@pytest.fixture(scope="module")
+def far_poses(scene):
+    return np.asarray(free_space.make(scene, extent=3.0, seed=1)(jax.random.key(0), COUNT))
 
 
-def test_pose_and_velocity_belong_to_the_joints_of_the_same_observation(links, obs):
-    kept = whole(obs)
-    assert len(kept) > 0.9 * COUNT
-    qpos = kept[:, :7] * 0.1 + env.rest_posture(links)
-    position, rotation, jacobian = jax.jit(lambda q: kinematics.tip_pose(links, q))(qpos)
-    np.testing.assert_allclose(kept[:, 14:17] * 0.03, position, atol=5e-6)
-    vector = kinematics.rotation_vector(rotation)
-    np.testing.assert_allclose(kept[:, 17:20] * 0.1, vector, atol=2e-5)
-    twist = np.einsum("nij,nj->ni", jacobian, kept[:, 7:14] * 0.5)
-    np.testing.assert_allclose(kept[:, 20:23] * 0.1, twist[:, :3], atol=1e-5)
-    np.testing.assert_allclose(kept[:, 23:26] * 0.5, twist[:, 3:], atol=1e-5)
-
-
-def test_samples_are_above_the_mouth_and_as_far_as_the_extent_says(obs):
-    position = np.asarray(obs[:, 14:17]) * 0.03
+def test_samples_are_above_the_mouth_and_as_far_as_the_extent_says(poses):
+    position = poses[:, :3] * 0.03
     assert position[:, 2].min() > -1e-4
     np.testing.assert_allclose(position.min(axis=0), [-0.05, -0.05, 0.0], atol=1e-3)
     np.testing.assert_allclose(position.max(axis=0), [0.05, 0.05, 0.05], atol=1e-3)
     np.testing.assert_allclose(position.mean(axis=0), [0, 0, 0.025], atol=2e-3)
-    assert np.abs(obs[:, 17:20] * 0.1).max() < 0.151
+    assert 0.149 < np.abs(poses[:, 3:] * 0.1).max() < 0.151
 
 
-@pytest.fixture(scope="module")
-def far_obs(scene):
-    return free_space.make(scene, extent=3.0, seed=1)(jax.random.key(0), COUNT)
+def test_the_arm_reaches_the_samples_even_far_out(links, far_poses):
+    far = far_poses * POSE_SCALE
+    _, error = jax.jit(kinematics.inverse_kinematics)(links, far[:, :3], far[:, 3:])
+    assert error.max() < 0.03 and np.abs(far[:, 0]).max() > 0.12
 
 
-def test_joints_keep_their_limits_even_far_out(links, far_obs):
-    far = whole(far_obs)
-    qpos = far[:, :7] * 0.1 + env.rest_posture(links)
-    assert (qpos > links.limits[:, 0] - 1e-4).all() and (qpos < links.limits[:, 1] + 1e-4).all()
-    assert np.abs(far[:, 14] * 0.03).max() > 0.12
+def test_samples_follow_their_key_and_the_pool_its_seed(sample, poses, far_poses):
+    np.testing.assert_array_equal(sample(jax.random.key(0), COUNT), poses)
+    assert not np.array_equal(sample(jax.random.key(1), COUNT), poses)
+    assert not np.allclose(far_poses[:, :3] / 3, poses[:, :3], atol=0.1)
+    assert np.isfinite(poses).all() and poses.shape == (COUNT, 6)
 
 
-def test_samples_follow_their_key_and_the_pool_its_seed(sample, obs, far_obs):
-    np.testing.assert_array_equal(sample(jax.random.key(0), COUNT), obs)
-    assert not np.array_equal(sample(jax.random.key(1), COUNT), obs)
-    assert not np.allclose(far_obs[:, 14:17] / 3, obs[:, 14:17], atol=0.1)
-    assert np.isfinite(obs).all() and obs.shape == (COUNT, observation.OBS_SIZE)
+def test_the_pool_is_solved_once_and_only_if_it_is_used(scene, monkeypatch):
+    solved = []
+
+    def solve(links, position, vector):
+        solved.append(len(position))
+        return kinematics.inverse_kinematics(links, position, vector)
+
+    monkeypatch.setattr(free_space, "inverse_kinematics", solve)
+    monkeypatch.setattr(free_space, "_POOL", 64)
+    sample = free_space.make(scene, extent=1.0)
+    assert solved == []
+    inside = jax.jit(lambda key: sample(key, 5))(jax.random.key(0))
+    np.testing.assert_array_equal(sample(jax.random.key(0), 5), inside)
+    assert solved == [64]

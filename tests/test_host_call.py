@@ -17,8 +17,8 @@ from crsfd_jax.physics import host_call, native
 from crsfd_jax.physics.interface import PhysicsState, Surroundings
 from crsfd_jax.scene import build, kinematics, randomize
 
-DTYPES = ("bool", "int8", "uint32", "int64", "float16", "bfloat16", "float64", "complex64")
-SHAPES = ((1,), (2, 3), (4, 1, 6), (0, 3))
+DTYPES = ("bool", "int32", "float32")
+SHAPES = ((1,), (2, 3), (0, 3))
 
 
 def like(x, dtype=None):
@@ -53,13 +53,11 @@ def route(request, monkeypatch):
 
 @pytest.mark.parametrize(
     ("dtype", "shape"),
-    [*((dtype, (2, 3)) for dtype in DTYPES), *(("float32", shape) for shape in SHAPES)],
+    [*((dtype, (4, 1, 6)) for dtype in DTYPES), *(("float32", shape) for shape in SHAPES)],
 )
 def test_a_call_gives_what_numpy_gives_for_every_dtype_and_shape(dtype, shape):
-    with jax.enable_x64(True):
-        values = np.random.default_rng(0).integers(0, 3, shape)
-        x = jnp.asarray(values).astype(dtype)
-        got, count = jax.jit(reversed_and_counted)(x)
+    x = jnp.asarray(np.random.default_rng(0).integers(0, 3, shape), dtype)
+    got, count = jax.jit(reversed_and_counted)(x)
     assert got.dtype == jnp.dtype(dtype)
     np.testing.assert_array_equal(np.asarray(got), np.asarray(x)[..., ::-1])
     np.testing.assert_array_equal(count, np.count_nonzero(np.asarray(x), axis=-1))
@@ -118,8 +116,8 @@ def test_inputs_are_read_only():
         jax.block_until_ready(host_call.call("spoil", spoil, (like(jnp.ones(3)),), jnp.ones(3)))
 
 
-def test_a_dtype_without_a_numpy_counterpart_is_refused():
-    with pytest.raises(ValueError, match="got dtype int4, allowed: bool, int8"):
+def test_another_dtype_is_refused():
+    with pytest.raises(ValueError, match="got dtype int4, allowed: bool, int32, float32"):
         added_twice(jnp.ones(2, jnp.int4), jnp.ones(2, jnp.int4))
 
 

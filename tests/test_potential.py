@@ -248,8 +248,7 @@ def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
     )
 
     def around(key, count):
-        found = jnp.zeros((count, OBS_SIZE))
-        return found.at[:, TIP_POSE].set(jax.random.uniform(key, (count, 6), minval=-5, maxval=5))
+        return jax.random.uniform(key, (count, 6), minval=-5, maxval=5)
 
     def drop(shift, spread, demo_shift=0.0):
         """How far the potential falls from the nominal mouth to 4 mm aside."""
@@ -269,10 +268,9 @@ def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
 
 
 @pytest.mark.parametrize("terminal", ["keep", "zero"])
-def test_crsfd_shapes_both_backups_of_demonstrations_and_experience(monkeypatch, terminal):
+def test_crsfd_shapes_both_backups(monkeypatch, terminal):
     """With a known potential of the tip's pose, by hand, row by row."""
     batch = random_batch.batch(OBS_SIZE, ACTION_SIZE)
-    batch = batch.replace(is_demo=jnp.arange(random_batch.BATCH) % 2 == 0)
     monkeypatch.setattr(crsfd.potential, "evaluate", lambda fitted, pose: pose[..., 2] ** 2)
     options = config.Config(potential=config.Potential(terminal=terminal))
     shaped = crsfd.METHOD.reward((), batch, options)

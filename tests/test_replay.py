@@ -175,11 +175,6 @@ def test_an_error_that_is_not_finite_leaves_its_row_as_it_was(bad, exponent):
     assert np.isfinite(new.priority).all() and np.isfinite(new.max_priority)
 
 
-def test_a_ring_smaller_than_one_vector_step_is_refused():
-    with pytest.raises(ValueError, match=r"capacity is 24 .* 64 rows"):
-        replay.init(rows([]), 64, CONFIG)
-
-
 class Model:
     """What the buffer means: for every row, the rows that follow it in its episode."""
 
@@ -253,7 +248,6 @@ def test_n_step_returns_agree_with_a_slow_model_on_random_histories(n_step, step
             assert backup.reward[i] == pytest.approx(reward, rel=1e-5)
             assert backup.terminated[i] == terminated
             np.testing.assert_array_equal(backup.next_obs[i], next_obs)
-    np.testing.assert_array_equal(batch.is_demo, [row < 9 for row, _, _ in entries])
 
 
 def test_only_rows_that_the_model_knows_are_ever_drawn():

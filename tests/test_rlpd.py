@@ -82,7 +82,6 @@ def random_batch():
     return Batch(
         obs=jax.random.normal(keys[2], (BATCH, OBS)),
         action=jax.random.uniform(keys[3], (BATCH, ACTION), minval=-1.0),
-        is_demo=jnp.zeros(BATCH, bool),
         weight=jnp.ones(BATCH),
         one_step=step,
         n_step=step,

@@ -38,7 +38,7 @@ def make_agent() -> sac.AgentState:
 
 def test_targets_equal_those_computed_by_hand(agent, batch):
     key = jax.random.key(4)
-    targets = sac.bootstrap_targets(NETWORKS, agent, batch.n_step, 0.9, key)
+    targets = sac.bootstrap_targets(NETWORKS, agent, batch.n_step, 0.9, key, sac.soft_value)
     action, log_prob = networks.sample_action(
         NETWORKS.actor, agent.actor, batch.n_step.next_obs, key
     )
@@ -54,7 +54,8 @@ def test_a_terminal_step_does_not_bootstrap_and_any_other_does(agent):
     ended = random_batch.backup(jax.random.key(2), OBS, terminated=jnp.ones(BATCH, bool))
     going = dataclasses.replace(ended, terminated=jnp.zeros(BATCH, bool))
     on_end, on_going = (
-        sac.bootstrap_targets(NETWORKS, agent, b, 0.9, jax.random.key(3)) for b in (ended, going)
+        sac.bootstrap_targets(NETWORKS, agent, b, 0.9, jax.random.key(3), sac.soft_value)
+        for b in (ended, going)
     )
     np.testing.assert_array_equal(on_end, ended.reward)
     assert (np.abs(on_going - going.reward) > 1e-4).all()
@@ -63,7 +64,7 @@ def test_a_terminal_step_does_not_bootstrap_and_any_other_does(agent):
 def test_a_terminal_step_ignores_a_next_obs_that_is_not_finite(agent):
     ended = random_batch.backup(jax.random.key(2), OBS, terminated=jnp.ones(BATCH, bool))
     ended = dataclasses.replace(ended, next_obs=jnp.full((BATCH, OBS), jnp.nan))
-    targets = sac.bootstrap_targets(NETWORKS, agent, ended, 0.9, jax.random.key(3))
+    targets = sac.bootstrap_targets(NETWORKS, agent, ended, 0.9, jax.random.key(3), sac.soft_value)
     np.testing.assert_array_equal(targets, ended.reward)
 
 
@@ -84,7 +85,7 @@ def test_critic_loss_equals_the_one_computed_in_numpy(agent, batch):
 
 def test_actor_loss_equals_the_one_computed_in_numpy(agent, batch):
     key = jax.random.key(6)
-    loss, log_prob = sac.actor_loss(agent.actor, NETWORKS, agent, batch, key)
+    loss, log_prob = sac.actor_loss(agent.actor, NETWORKS, agent, batch, key, jnp.min)
     action, expected_log_prob = networks.sample_action(NETWORKS.actor, agent.actor, batch.obs, key)
     q = np.asarray(NETWORKS.critic.apply(agent.critic, batch.obs, action))
     terms = np.asarray(batch.weight) * (0.3 * np.asarray(expected_log_prob) - q.min(axis=0))
@@ -113,7 +114,7 @@ def test_gradients_agree_with_finite_differences_in_float64(agent, batch):
             return sac.critic_loss(params, NETWORKS, batch, targets, jnp.asarray([1.0, 0.5]))[0]
 
         def actor(params):
-            return sac.actor_loss(params, NETWORKS, agent, batch, jax.random.key(6))[0]
+            return sac.actor_loss(params, NETWORKS, agent, batch, jax.random.key(6), jnp.min)[0]
 
         for loss, params in ((critic, agent.critic), (actor, agent.actor)):
             check_slope(loss, params)
@@ -224,7 +225,6 @@ def test_critic_learns_the_value_of_a_loop_with_a_known_reward():
         batch = Batch(
             obs=obs,
             action=action,
-            is_demo=ones < 0,
             weight=ones,
             one_step=one_step,
             n_step=three_step,

@@ -11,7 +11,7 @@ from report_runs import cells_of, make_run
 from crsfd_jax import shown_potential
 from crsfd_jax.config import Config, Potential
 from crsfd_jax.demos import builtin
-from crsfd_jax.observation import OBS_SIZE, POSE_SCALE, TIP_POSE
+from crsfd_jax.observation import POSE_SCALE, TIP_POSE
 from crsfd_jax.report import value_map
 from crsfd_jax.scene.digits import HOLE_DEPTH
 
@@ -81,7 +81,7 @@ def test_the_potential_drawn_is_the_one_that_the_runs_learned_with(tmp_path, mon
 def test_the_fitted_potential_rises_towards_the_end_of_the_demonstrations(monkeypatch):
     # Poses anywhere instead of those that the arm reaches, which take long to solve for.
     def sample(key, count):
-        return jax.random.uniform(key, (count, OBS_SIZE), minval=-5.0, maxval=5.0)
+        return jax.random.uniform(key, (count, 6), minval=-5.0, maxval=5.0)
 
     monkeypatch.setattr(shown_potential.free_space, "make", lambda scene, extent: sample)
     few = Potential(steps=300, hidden=(32,))

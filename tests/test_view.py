@@ -132,11 +132,11 @@ def test_a_machine_without_opengl_is_told_what_to_install(monkeypatch):
 
 def test_a_gif_gives_its_frames_back(tmp_path):
     frames = [np.full((8, 6, 3), shade, np.uint8) for shade in (0, 120, 255)]
-    video.write_gif(tmp_path / "run.gif", frames, 0.1)
+    video.write(tmp_path / "run.gif", frames, 0.1)
     with Image.open(tmp_path / "run.gif") as gif:
         assert (gif.n_frames, gif.size, gif.info["duration"]) == (3, (6, 8), 100)
         for i, frame in enumerate(frames):
             gif.seek(i)
             np.testing.assert_array_equal(np.asarray(gif.convert("RGB")), frame)
     with pytest.raises(ValueError, match="got 0 frames"):
-        video.write_gif(tmp_path / "none.gif", [], 0.1)
+        video.write(tmp_path / "none.gif", [], 0.1)

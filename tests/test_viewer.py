@@ -19,7 +19,8 @@ from crsfd_jax.learn import networks
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.physics.interface import CONTROL_DT
-from crsfd_jax.viewer import hand, live, panel, potential_map, serve
+from crsfd_jax.scene.build import model_of
+from crsfd_jax.viewer import hand, live, panel, pose, potential_map, serve
 
 OPTIONS = config.Config(seeds=2, seed=7, engine="native", sac=config.Sac(hidden=(8,)))
 SOURCE = live.Task("2", 0.0, 1.0)
@@ -118,8 +119,6 @@ def test_pause_stops_the_arm_and_reset_begins_anew(page):
 
 
 def test_another_shape_replaces_peg_and_socket_in_scene_and_simulation(page):
-    from crsfd_jax.scene.build import model_of
-
     scene, model = page.drawing.scene, page.drawing.arm.mj_model
     page.panel.shape.value = "4"
     step(page)
@@ -141,6 +140,8 @@ def test_friction_changes_without_a_fresh_episode(page):
     page.panel.friction.value = 0.3
     step(page)
     assert page.age == 4 and float(page.state.around.friction[0]) == np.float32(0.3)
+    drawn = page.drawing.arm.mj_model.geom_friction[page.drawing.scene.look_parts, 0]
+    assert set(drawn) == {np.float32(0.3)}
 
 
 def test_the_seed_chooses_the_policy(page, monkeypatch):
@@ -182,6 +183,22 @@ def forces_on_the_peg(page):
         is_first = model.geom_bodyid[contact.geom[0]] == model.body("peg").id
         found.append(contact.frame.reshape(3, 3).T @ force[:3] * (-1 if is_first else 1))
     return np.array([force for force in found if np.linalg.norm(force) > 0])
+
+
+@pytest.mark.parametrize("friction", [0.1, 1.0, 3.0])
+def test_a_steady_push_shows_as_such_under_any_friction(loaded, friction):
+    state = loaded.reset(SOURCE._replace(friction=friction), jax.random.key(1))
+    for _ in range(20):
+        taken = loaded.advance(state, jnp.array([[0.1, 0, -1, 0, 0, 0]]))
+        before, state = state, taken.state
+    (at,) = pose.between(before, state, taken.setpoint, 1)
+    model = model_of(loaded.scene, loaded.scene.shapes.index("2"))
+    data, force, pushed = mujoco.MjData(model), np.zeros(6), 0.0
+    pose.put(model, data, at, loaded.scene)
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, force)
+        pushed += force[0]
+    assert pushed == pytest.approx(10, rel=0.05)
 
 
 def shown_arrows(page):

@@ -25,16 +25,12 @@ from crsfd_jax.observation import POSE_SCALE, TIP_POSE
 def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potential.FittedPotential:
     """Fits the potential to the demonstrations and to free space."""
     obs, targets = potential.demonstration_targets(preparation.demos, config.potential)
-
-    def sample_features(key: jax.Array, count: int) -> jax.Array:
-        return preparation.free_space(key, count)[..., TIP_POSE]
-
     spread = config.potential.spread
     if spread is None:
         spread = config.shift - preparation.demo_shift
     move = functools.partial(moved, spread=spread)
-    poses = obs[..., TIP_POSE]
-    return potential.fit(key, poses, targets, sample_features, config.potential, move)
+    poses, free_space = obs[..., TIP_POSE], preparation.free_space
+    return potential.fit(key, poses, targets, free_space, config.potential, move)
 
 
 def moved(key: jax.Array, poses: jax.Array, spread: float) -> jax.Array:

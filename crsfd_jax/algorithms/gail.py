@@ -14,8 +14,6 @@ ends of this task are successes: that pay tells the policy of them as the task's
 Source: Ho and Ermon 2016 (arXiv 1606.03476); Kostrikov et al. 2019 (arXiv 1809.02925, DAC).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import flax.struct
@@ -55,7 +53,7 @@ def method(features: Features) -> Method:
     def prepare(key: jax.Array, preparation: Preparation, config: Config) -> Judge:
         demos = preparation.demos
         return Judge(
-            discriminator=discriminator.init(key, features(demos), tuple(config.sac.hidden)),
+            discriminator=discriminator.init(key, features(demos), config.sac.hidden),
             success_share=jnp.mean(demos.terminated, dtype=jnp.float32),
         )
 

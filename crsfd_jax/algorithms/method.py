@@ -10,11 +10,9 @@ from crsfd_jax.config import Config
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.learn import replay, sac
 from crsfd_jax.learn.networks import Networks
+from crsfd_jax.learn.potential import FreeSpace
 from crsfd_jax.learn.replay import Batch, Draw, ReplayState
 from crsfd_jax.types import Transition
-
-FreeSpace = Callable[[jax.Array, int], jax.Array]
-"""(key, count) -> [count, O] observations of states anywhere in free space."""
 
 
 class Preparation(NamedTuple):
@@ -23,6 +21,7 @@ class Preparation(NamedTuple):
     demos: Transition
     """[D] demonstrations."""
     free_space: FreeSpace
+    """Tip poses anywhere in free space, as observations hold them."""
     demo_shift: float = 0.0
     """m, side of the square in which the sockets of the demonstrations stood."""
 

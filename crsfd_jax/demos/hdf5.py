@@ -24,10 +24,10 @@ _DAMAGE = (OSError, RuntimeError, ValueError, TypeError, KeyError, MemoryError, 
 
 
 class Budget:
-    """Counts the bytes that are read, and refuses those above the limit before they are."""
+    """Counts the bytes that are read, and refuses those above MAX_BYTES before they are."""
 
-    def __init__(self, limit: int = MAX_BYTES):
-        self.left = limit
+    def __init__(self):
+        self.left = MAX_BYTES
 
     def take(self, name: str, count: int) -> None:
         """Raises UserError when less is left."""

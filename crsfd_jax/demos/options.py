@@ -1,7 +1,5 @@
 """Options of recording demonstrations and their defaults."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Annotated
 

@@ -1,6 +1,7 @@
 """Trains the expert of the demonstrated task."""
 
 import dataclasses
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +33,7 @@ def no_demonstrations() -> Transition:
     )
 
 
-def train_expert(options: Record, report=lambda env_steps, success: None) -> Expert:
+def train_expert(options: Record, report: Callable[[int, float], None]) -> Expert:
     """Trains SAC under the dense reward until it succeeds, or until its steps are used up.
 
     Args:

@@ -8,11 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from crsfd_jax import config, task
-from crsfd_jax.demos.dataset import Demonstrations, check_units, episode_success
-from crsfd_jax.demos.provenance import check_scene
+from crsfd_jax.demos.dataset import Demonstrations, episode_success
+from crsfd_jax.demos.layout import check_task
 from crsfd_jax.env import Env, EnvState
 from crsfd_jax.observation import POSE_SCALE, TIP_POSE
-from crsfd_jax.physics.interface import CONTROL_DT
 
 
 class Replayed(NamedTuple):
@@ -48,8 +47,7 @@ def replay(demos: Demonstrations, engine: str = "auto") -> Replayed:
 
 def _options(demos: Demonstrations, engine: str) -> config.Config:
     source, mdp = demos.provenance, config.Mdp()
-    check_units(demos, mdp.action_scale, CONTROL_DT)
-    check_scene(source)
+    check_task(demos)
     parts = dataclasses.replace(config.Scene(), clearance=source.clearance_m)
     horizon = max(mdp.horizon, int(demos.episode_length.max()))
     return config.Config(

@@ -14,6 +14,7 @@ import numpy as np
 
 from crsfd_jax.learn.networks import Params
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
+from crsfd_jax.storage import npz
 
 Layers = Sequence[tuple[np.ndarray, np.ndarray]]
 """Weight [inputs, outputs] and bias [outputs] of each layer; relu between them, tanh at the end."""
@@ -49,9 +50,7 @@ def _write_npz(layers: Layers) -> bytes:
     arrays = {}
     for i, (weight, bias) in enumerate(layers):
         arrays |= {f"weight{i}": weight, f"bias{i}": bias}
-    stream = io.BytesIO()
-    np.savez(stream, **arrays)  # pyright: ignore[reportArgumentType]
-    return stream.getvalue()
+    return npz.content(arrays)
 
 
 def _read_npz(content: bytes) -> Callable[[np.ndarray], np.ndarray]:

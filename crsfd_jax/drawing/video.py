@@ -38,16 +38,16 @@ def write(path: Path, frames: Sequence[np.ndarray], seconds_per_frame: float) ->
       ValueError: there is no frame.
       OSError: the file cannot be written.
     """
-    form = write_mp4 if path.suffix == ".mp4" else write_gif
+    if not frames:
+        raise ValueError("got 0 frames, allowed: at least one; render some first")
+    form = _write_mp4 if path.suffix == ".mp4" else _write_gif
     form(path, frames, seconds_per_frame)
 
 
-def write_mp4(path: Path, frames: Sequence[np.ndarray], seconds_per_frame: float) -> None:
-    """Writes frames as an H.264 film that every browser plays; see `write`."""
+def _write_mp4(path: Path, frames: Sequence[np.ndarray], seconds_per_frame: float) -> None:
+    """An H.264 film that every browser plays."""
     import imageio.v3
 
-    if not frames:
-        raise ValueError("got 0 frames, allowed: at least one; render some first")
     with warnings.catch_warnings():
         # JAX warns of every fork; this one becomes ffmpeg at once.
         warnings.filterwarnings("ignore", r"os\.fork", RuntimeWarning)
@@ -64,15 +64,8 @@ def write_mp4(path: Path, frames: Sequence[np.ndarray], seconds_per_frame: float
     write_atomically(path, lambda stream: stream.write(film))
 
 
-def write_gif(path: Path, frames: Sequence[np.ndarray], seconds_per_frame: float) -> None:
-    """Writes frames, uint8 [H, W, 3] each, as a GIF that repeats.
-
-    Raises:
-      ValueError: there is no frame.
-      OSError: the file cannot be written.
-    """
-    if not frames:
-        raise ValueError("got 0 frames, allowed: at least one; render some first")
+def _write_gif(path: Path, frames: Sequence[np.ndarray], seconds_per_frame: float) -> None:
+    """A picture that repeats."""
     first, *others = (Image.fromarray(frame) for frame in frames)
     write_atomically(
         path,

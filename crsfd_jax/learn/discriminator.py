@@ -6,8 +6,6 @@ Source: Ho and Ermon 2016 (arXiv 1606.03476); Kostrikov et al. 2019 (arXiv 1809.
 its training from a replay buffer and the penalty of Gulrajani et al. 2017.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import cast
 
@@ -17,7 +15,7 @@ import jax.numpy as jnp
 import optax
 from flax import linen as nn
 
-from crsfd_jax.learn.networks import Params, apply
+from crsfd_jax.learn.networks import Params, apply, dense
 
 PENALTY = 10.0
 """Weight of the gradient penalty."""
@@ -46,10 +44,7 @@ class Score(nn.Module):
 
     @nn.compact
     def __call__(self, features: jax.Array) -> jax.Array:
-        x = features
-        for width in self.hidden:
-            x = nn.tanh(nn.Dense(width)(x))
-        return nn.Dense(1)(x).squeeze(-1)
+        return dense(features, self.hidden, nn.tanh, 1).squeeze(-1)
 
 
 def init(key: jax.Array, expert: jax.Array, hidden: tuple[int, ...]) -> Discriminator:
@@ -95,9 +90,16 @@ def loss(
       mix: [B] in [0, 1], where between each pair the slope is penalised.
     """
     right = nn.softplus(-apply(score, params, expert)), nn.softplus(apply(score, params, agent))
-    between = mix[:, None] * expert + (1 - mix[:, None]) * agent
-    slope = gradient_penalty(lambda x: apply(score, params, x), between)
-    return jnp.mean(right[0]) + jnp.mean(right[1]) + PENALTY * slope
+    steep = slope_penalty(score, params, expert, agent, mix)
+    return jnp.mean(right[0]) + jnp.mean(right[1]) + steep
+
+
+def slope_penalty(
+    score: Score, params: Params, real: jax.Array, fake: jax.Array, mix: jax.Array
+) -> jax.Array:
+    """PENALTY times the gradient penalty between rows [B, F], where mix [B] in [0, 1] says."""
+    between = mix[:, None] * real + (1 - mix[:, None]) * fake
+    return PENALTY * gradient_penalty(lambda x: apply(score, params, x), between)
 
 
 def gradient_penalty(function: Callable[[jax.Array], jax.Array], points: jax.Array) -> jax.Array:

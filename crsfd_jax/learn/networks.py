@@ -3,8 +3,7 @@
 Source: Haarnoja et al. 2018 (arXiv 1812.05905), appendix C for the squashing.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -17,6 +16,15 @@ Params = Any
 LOG_STD_RANGE = (-5.0, 2.0)
 
 
+def dense(
+    x: jax.Array, hidden: tuple[int, ...], activation: Callable[[jax.Array], jax.Array], size: int
+) -> jax.Array:
+    """Layers Dense_0, Dense_1, ... of a module that calls this in its compact method."""
+    for width in hidden:
+        x = activation(nn.Dense(width)(x))
+    return nn.Dense(size)(x)
+
+
 class Actor(nn.Module):
     """Maps obs [..., O] to mean and log standard deviation [..., A] before the tanh."""
 
@@ -25,10 +33,8 @@ class Actor(nn.Module):
 
     @nn.compact
     def __call__(self, obs: jax.Array) -> tuple[jax.Array, jax.Array]:
-        x = obs
-        for width in self.hidden:
-            x = nn.relu(nn.Dense(width)(x))
-        mean, raw = jnp.split(nn.Dense(2 * self.action_size)(x), 2, axis=-1)
+        both = dense(obs, self.hidden, nn.relu, 2 * self.action_size)
+        mean, raw = jnp.split(both, 2, axis=-1)
         low, high = LOG_STD_RANGE
         # Squashed and not clipped: a clipped value would get no gradient back into the range.
         return mean, low + (high - low) * nn.sigmoid(raw)
@@ -75,8 +81,7 @@ class Networks(NamedTuple):
 
 def make_networks(sac: config.Sac, action_size: int) -> Networks:
     """Networks with the hidden widths and the number of critics of the configuration."""
-    hidden = tuple(sac.hidden)
-    return Networks(Actor(hidden, action_size), Critic(hidden, sac.critics))
+    return Networks(Actor(sac.hidden, action_size), Critic(sac.hidden, sac.critics))
 
 
 def apply(module: nn.Module, params: Params, *inputs: jax.Array) -> Any:

@@ -7,8 +7,6 @@ pays 1 once: a negative potential would reward standing still.
 Source: Guo et al. 2022, Algorithm 1.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any, cast
@@ -21,11 +19,11 @@ import optax
 from flax import linen as nn
 
 from crsfd_jax import config
-from crsfd_jax.learn.networks import Params, apply
+from crsfd_jax.learn.networks import Params, apply, dense
 from crsfd_jax.learn.returns import monte_carlo_returns
 from crsfd_jax.types import Transition
 
-SampleFreeSpace = Callable[[jax.Array, int], jax.Array]
+FreeSpace = Callable[[jax.Array, int], jax.Array]
 """Maps a key and a count n to features [n, F] spread over the free space."""
 Move = Callable[[jax.Array, jax.Array], jax.Array]
 """Maps a key and features [n, F] of demonstrations to where else they are as good."""
@@ -46,10 +44,7 @@ class _Value(nn.Module):
 
     @nn.compact
     def __call__(self, features: jax.Array) -> jax.Array:
-        x = features
-        for width in self.hidden:
-            x = nn.relu(nn.Dense(width)(x))
-        return nn.sigmoid(nn.Dense(1)(x).squeeze(-1))
+        return nn.sigmoid(dense(features, self.hidden, nn.relu, 1).squeeze(-1))
 
 
 def demonstration_targets(
@@ -69,12 +64,12 @@ def demonstration_targets(
     return obs, targets
 
 
-@functools.partial(jax.jit, static_argnames=("sample_free_space", "potential", "move"))
+@functools.partial(jax.jit, static_argnames=("free_space", "potential", "move"))
 def fit(
     key: jax.Array,
     features: jax.Array,
     targets: jax.Array,
-    sample_free_space: SampleFreeSpace,
+    free_space: FreeSpace,
     potential: config.Potential,
     move: Move,
 ) -> FittedPotential:
@@ -85,7 +80,7 @@ def fit(
         the targets over what it draws.
     """
     init_key, loop_key = jax.random.split(key)
-    hidden = tuple(potential.hidden)
+    hidden = potential.hidden
     fitted = FittedPotential(params=_Value(hidden).init(init_key, features[0]), hidden=hidden)
     optimiser = optax.adam(potential.learning_rate)
     opt_state = optimiser.init(cast(Any, fitted))
@@ -94,7 +89,7 @@ def fit(
         fitted, opt_state = carry
         demo_key, free_key = jax.random.split(step_key)
         rows = jax.random.randint(demo_key, (potential.batch_size,), 0, features.shape[0])
-        free = sample_free_space(free_key, potential.batch_size)
+        free = free_space(free_key, potential.batch_size)
         known = move(jax.random.fold_in(demo_key, _MOVING), features[rows])
         gradient = jax.grad(regression_loss)(
             fitted, known, targets[rows], free, potential.free_space_weight

@@ -8,8 +8,6 @@ argument (`step`, `in_axes=None` under vmap) and writing stays a slice update in
 Source: Schaul et al. 2016 (arXiv 1511.05952); Vecerik et al. 2017 (arXiv 1707.08817).
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import flax.struct
@@ -68,7 +66,6 @@ class Batch:
 
     obs: jax.Array
     action: jax.Array
-    is_demo: jax.Array
     weight: jax.Array
     one_step: Backup
     n_step: Backup
@@ -77,16 +74,11 @@ class Batch:
 def init(demos: Transition, num_envs: int, replay: config.Replay) -> ReplayState:
     """Empty ring behind the demonstrations [D]; D may be 0.
 
-    Raises:
-      ValueError: the capacity is less than one vector step.
+    Args:
+      num_envs: the capacity is a multiple of it.
     """
     num_demos = demos.reward.shape[0]
-    num_rows = num_demos + replay.capacity // num_envs * num_envs
-    if num_rows == num_demos:
-        raise ValueError(
-            f"replay.capacity is {replay.capacity} but a vector step writes {num_envs} rows; "
-            f"raise it to {num_envs} or more"
-        )
+    num_rows = num_demos + replay.capacity
     demo_priority = (1.0 + replay.demo_bonus) ** replay.priority_exponent
     priority = jnp.zeros(-(-num_rows // BLOCK) * BLOCK).at[:num_demos].set(demo_priority)
 
@@ -150,7 +142,6 @@ def gather(state: ReplayState, draw: Draw, rewards: jax.Array, gamma: float) -> 
     return Batch(
         obs=state.storage.obs[rows],
         action=state.storage.action[rows],
-        is_demo=rows < state.num_demos,
         weight=draw.weight,
         one_step=_backup(state, draw.rows[..., :1], draw.alive[..., :1], rewards, gamma),
         n_step=_backup(state, draw.rows, draw.alive, rewards, gamma),

@@ -1,7 +1,5 @@
 """Monte-Carlo returns of recorded episodes; nothing here is learned."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from crsfd_jax.types import Transition

@@ -7,8 +7,6 @@ Source: Haarnoja et al. 2018 (arXiv 1812.05905); Vecerik et al. 2017 (arXiv 1707
 the mix of 1-step and n-step losses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import cast
 
@@ -132,7 +130,7 @@ def actor_loss(
     agent: AgentState,
     batch: Batch,
     key: jax.Array,
-    pool: Pool = jnp.min,
+    pool: Pool,
 ) -> tuple[jax.Array, jax.Array]:
     """mean_i w_i [alpha log pi(a|s_i) - pool_j Q_j(s_i, a)], and log pi [B]."""
     action, log_prob = sample_action(networks.actor, actor, batch.obs, key)
@@ -152,7 +150,7 @@ def bootstrap_targets(
     backup: Backup,
     gamma: float,
     key: jax.Array,
-    value: Value = soft_value,
+    value: Value,
 ) -> jax.Array:
     """r + gamma^m (1 - terminated) V(s')."""
     after = value(networks, agent, backup.next_obs, key)

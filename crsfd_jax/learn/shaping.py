@@ -3,8 +3,6 @@
 Source: Ng, Harada, Russell 1999; Guo et al. 2022, equation 3.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Literal
 

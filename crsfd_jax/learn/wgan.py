@@ -11,8 +11,6 @@ only the places where the generator has been: with penalties from 0.1 to 10 and 
 Source: Wu, Mozifian, Shkurti 2021 (arXiv 2011.01298); Gulrajani et al. 2017 (arXiv 1704.00028).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -24,15 +22,13 @@ import optax
 from flax import linen as nn
 
 from crsfd_jax import config
-from crsfd_jax.learn.discriminator import Score, gradient_penalty
-from crsfd_jax.learn.networks import Params, apply
+from crsfd_jax.learn.discriminator import Score, slope_penalty
+from crsfd_jax.learn.networks import Params, apply, dense
 
 CRITIC_STEPS = 5
 """Steps of the critic for each one of the generator."""
 LATENT = 6
 """Uniform numbers that the generator makes a row of."""
-PENALTY = 10.0
-"""Weight of the gradient penalty."""
 BATCH = 128
 """Demonstrated rows, and as many fakes, in a step."""
 STEEPNESS = 2.0
@@ -57,10 +53,7 @@ class _Generator(nn.Module):
 
     @nn.compact
     def __call__(self, latent: jax.Array) -> jax.Array:
-        x = latent
-        for width in self.hidden:
-            x = nn.relu(nn.Dense(width)(x))
-        return nn.Dense(self.size)(x)
+        return dense(latent, self.hidden, nn.relu, self.size)
 
 
 @functools.partial(jax.jit, static_argnames="options")
@@ -73,7 +66,7 @@ def fit(
       foils: [N, F] rows off the demonstrations; on average they lie as far below the middle of
         the potential as `rows` above it.
     """
-    score, generator = Score(tuple(options.hidden)), _Generator(options.hidden, rows.shape[-1])
+    score, generator = Score(options.hidden), _Generator(options.hidden, rows.shape[-1])
     optimiser = optax.adam(options.learning_rate, b1=0.5, b2=0.9)
     critic_key, generator_key, loop_key = jax.random.split(key, 3)
     critic = score.init(critic_key, rows[0])
@@ -116,10 +109,9 @@ def critic_loss(
     score: Score, params: Params, real: jax.Array, fake: jax.Array, mix: jax.Array
 ) -> jax.Array:
     """mean f(fake) - mean f(real) + penalty, for rows [B, F] and mix [B] in [0, 1]."""
-    between = mix[:, None] * real + (1 - mix[:, None]) * fake
-    slope = gradient_penalty(lambda x: apply(score, params, x), between)
+    steep = slope_penalty(score, params, real, fake, mix)
     gap = jnp.mean(apply(score, params, fake)) - jnp.mean(apply(score, params, real))
-    return gap + PENALTY * slope
+    return gap + steep
 
 
 def evaluate(potential: WganPotential, rows: jax.Array) -> jax.Array:

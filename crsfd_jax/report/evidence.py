@@ -11,6 +11,7 @@ from crsfd_jax.report.methods import style
 from crsfd_jax.report.pairing import Book, pair
 from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.report.trials import Trials
+from crsfd_jax.report.words import counted
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "undecided"
 MARGIN = 0.05
@@ -223,12 +224,8 @@ def _lacking(cell: Cell, seeds: np.ndarray | None = None) -> str:
         stand = f"{cell.steps:,} of {cell.planned_steps:,} steps"
         return f"{_label(cell.method)} stands at {stand}"
     if len(seeds) < FEWEST_SEEDS:
-        return f"{_label(cell.method)} has {_seeds(len(seeds))}"
+        return f"{_label(cell.method)} has {counted(len(seeds), 'seed')}"
     return ""
-
-
-def _seeds(count: int) -> str:
-    return f"{count} seed{'s' * (count != 1)}"
 
 
 def _names(tasks: Sequence[Task]) -> str:

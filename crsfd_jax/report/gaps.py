@@ -8,6 +8,7 @@ from crsfd_jax.report.layout import Figure
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.pairing import longest
 from crsfd_jax.report.tables import name
+from crsfd_jax.report.words import counted
 
 
 def lines(cells: Sequence[Cell], figures: Sequence[Figure]) -> list[str]:
@@ -27,7 +28,7 @@ def lines(cells: Sequence[Cell], figures: Sequence[Figure]) -> list[str]:
         if cell.interacts and cell.planned_steps < others and id(cell) in kept:
             found.append(f"{where} was given {cell.planned_steps:,} steps, others {others:,}")
         if len(cell.seeds) < usual:
-            found.append(f"{where} has {_count(len(cell.seeds), 'seed')}, most have {usual}")
+            found.append(f"{where} has {counted(len(cell.seeds), 'seed')}, most have {usual}")
     return found + _missing(figures)
 
 
@@ -43,7 +44,3 @@ def _missing(figures: Sequence[Figure]) -> list[str]:
                     f"{panel.title}: no run of {', '.join(style(m).label for m in absent)}"
                 )
     return found
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"

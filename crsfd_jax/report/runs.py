@@ -8,6 +8,7 @@ import numpy as np
 
 from crsfd_jax.config import to_dict
 from crsfd_jax.curve import Curve, curve
+from crsfd_jax.drawing import video
 from crsfd_jax.errors import UserError
 from crsfd_jax.options.names import by_full_name
 from crsfd_jax.storage import manifest, metrics, run_folder
@@ -17,7 +18,6 @@ from crsfd_jax.training import troubles
 SUCCESS = "eval/success_rate"
 EXPLORING = "train/success_rate"
 EPISODES = "train/episodes"
-_FILMS = (".gif", ".mp4")
 _FOREIGN = ("checkpoints", "report", "__pycache__")
 """Folders in which no run is looked for."""
 
@@ -162,6 +162,8 @@ def _films(folder: Path) -> tuple[Path, ...]:
     clips = [path for path in run_folder.at(folder).clips.glob("*.gif") if path.stem.isdecimal()]
     clips.sort(key=lambda path: int(path.stem))
     chosen = dict.fromkeys(clips[i] for i in (0, len(clips) // 2, -1)) if clips else {}
-    others = [path for path in folder.rglob("*") if path.suffix in _FILMS and path not in clips]
+    others = [
+        path for path in folder.rglob("*") if path.suffix in video.SUFFIXES and path not in clips
+    ]
     newest = sorted(others, key=lambda path: path.stat().st_mtime)[-1:]
     return (*chosen, *newest)

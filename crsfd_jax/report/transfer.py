@@ -53,9 +53,18 @@ def draw(found: Sequence[Trials], paper: Mapping[str, float], path: Path) -> Non
         place, rate = np.array(known).T
         ends = [wilson_interval(round(PAPER_TRIALS * r), PAPER_TRIALS) for r in rate.tolist()]
         off = np.abs(np.array(ends).T - rate)
-        look = dict(fmt="_", markersize=14, color="0.45", capsize=2, zorder=1)
         beside = np.array(place) - _APART * (len(labels) + 1) / 2
-        axes.errorbar(beside, rate, off, label=f"paper, real arm, {PAPER_TRIALS} trials", **look)
+        axes.errorbar(
+            beside,
+            rate,
+            off,
+            fmt="_",
+            markersize=14,
+            color="0.45",
+            capsize=2,
+            zorder=1,
+            label=f"paper, real arm, {PAPER_TRIALS} trials",
+        )
     axes.set_xticks(range(len(shapes)), shapes)
     axes.set_xlim(-0.5, len(shapes) - 0.5)
     axes.set_ylim(top=1.01)

@@ -37,11 +37,10 @@ def markdown(claims: Sequence[Claim], made_of: Sequence[str]) -> str:
     """
     rows = [f"| {c.verdict} | {c.statement} | {_counted(c)} |" for c in claims]
     rules = ["", "## How the verdicts are made", "", *(f"- {rule}" for rule in RULES)]
-    each = [
-        line
-        for claim in claims
-        for line in ("", f"## {claim.statement}", "", f"**{claim.verdict}**", "", *_bullets(claim))
-    ]
+    each = []
+    for claim in claims:
+        bullets = (f"- {line}" for line in _lines(claim))
+        each += ["", f"## {claim.statement}", "", f"**{claim.verdict}**", "", *bullets]
     top = [
         "# Claims of the paper",
         "",
@@ -51,10 +50,6 @@ def markdown(claims: Sequence[Claim], made_of: Sequence[str]) -> str:
         "|---|---|---|",
     ]
     return "\n".join([*top, *rows, *rules, *each]) + "\n"
-
-
-def _bullets(claim: Claim) -> list[str]:
-    return [f"- {line}" for line in _lines(claim)]
 
 
 def _folded(claim: Claim) -> str:

@@ -34,6 +34,11 @@ def by_size(said: str) -> list[tuple[bool, float, str]]:
     return [(False, float(p), "") if p[0].isdigit() else (True, 0.0, p) for p in parts]
 
 
+def counted(number: int, noun: str) -> str:
+    """Such as 1 seed, or 5 seeds."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def _drawn(drawn: Randomisation) -> list[str]:
     if drawn in DRAWN:
         return [DRAWN[drawn]]

@@ -36,6 +36,8 @@ class Scene(NamedTuple):
     """Field name -> [shapes, ...] values of that MjModel field."""
     part_geoms: np.ndarray
     """[G] ids of the peg's and socket's geoms, whose friction an environment sets."""
+    look_parts: np.ndarray
+    """[G] ids of the same in `look`."""
     nominal: np.ndarray
     """[3] nominal socket mouth in the world, m."""
     tip_site: int
@@ -66,24 +68,25 @@ def _build(parts, shapes):
     _check_equal(models)
     model = models[0]
     bodies = [model.body(name).id for name in ("peg", "socket")]
+    geoms = np.flatnonzero(np.isin(model.geom_bodyid, bodies))
+    look = _compile(solids[0], counts, discardvisual=False)
     return Scene(
         model=model,
-        look=_compile(solids[0], counts, discardvisual=False),
+        look=look,
         shapes=shapes,
         geometry={f: np.stack([getattr(m, f) for m in models]) for f in GEOMETRY_FIELDS},
-        part_geoms=np.flatnonzero(np.isin(model.geom_bodyid, bodies)),
+        part_geoms=geoms,
+        look_parts=np.array([look.geom(model.geom(geom).name).id for geom in geoms]),
         nominal=model.site("nominal").pos.copy(),
         tip_site=model.site("tip").id,
     )
 
 
-def model_of(scene: Scene, shape: int, friction: float = 1.0) -> mujoco.MjModel:
+def model_of(scene: Scene, shape: int) -> mujoco.MjModel:
     """A copy of the model with the geometry of one shape, for rendering and inspection."""
     model = scene.look.__copy__()
-    parts = [model.geom(scene.model.geom(geom).name).id for geom in scene.part_geoms]
     for name, table in scene.geometry.items():
-        getattr(model, name)[parts] = table[shape, scene.part_geoms]
-    model.geom_friction[parts, 0] = friction
+        getattr(model, name)[scene.look_parts] = table[shape, scene.part_geoms]
     return model
 
 

@@ -1,7 +1,7 @@
 """Kinematics of the arm as batched JAX functions: where the peg's tip is and how it moves.
 
-The chain is read from the compiled model, so there is one description of the arm. Both engines'
-observations come from here, which makes them equal for equal joint states.
+The chain is read from the compiled model, so there is one description of the arm. The observations
+of all engines come from here, which makes them equal for equal joint states.
 """
 
 import itertools

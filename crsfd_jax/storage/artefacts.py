@@ -22,8 +22,8 @@ from crsfd_jax.storage.files import remove_leftovers, sync
 from crsfd_jax.storage.manifest import Manifest
 from crsfd_jax.storage.run_folder import RunFolder
 
-COPIES = 3
-"""Checkpoints that exist at once: two kept and one being written."""
+KEPT = 2
+"""Checkpoints that are kept; one more exists while it is being written."""
 
 _STORAGE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """What is wrong with a disk; such errors of an open file name no file."""
@@ -90,7 +90,7 @@ def refuse_full_disk(run: RunFolder, checkpoint_bytes: int) -> None:
       UserError: it has not.
     """
     present = len(list(run.checkpoints.iterdir())) if run.checkpoints.exists() else 0
-    needed = checkpoint_bytes * max(1, COPIES - present)
+    needed = checkpoint_bytes * max(1, KEPT + 1 - present)
     free = shutil.disk_usage(run.path).free
     if free < needed:
         raise UserError(

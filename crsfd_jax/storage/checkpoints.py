@@ -20,7 +20,7 @@ import numpy as np
 
 from crsfd_jax.errors import STOPPED, UserError
 from crsfd_jax.storage import array_store
-from crsfd_jax.storage.artefacts import saved_steps
+from crsfd_jax.storage.artefacts import KEPT, saved_steps
 from crsfd_jax.storage.files import sync, sync_tree
 from crsfd_jax.storage.leaves import (
     digest,
@@ -32,8 +32,6 @@ from crsfd_jax.storage.leaves import (
     to_numpy,
     type_name,
 )
-
-KEEP = 2
 
 _log = logging.getLogger(__name__)
 
@@ -91,7 +89,7 @@ def save(folder: Path, step: int, state: Any, extra: dict[str, Any]) -> None:
             _remove_leftovers(folder)
         message = _storage_message(folder, step, stored_bytes(state), error)
         raise UserError(message, STOPPED) from error
-    for old in saved_steps(folder)[KEEP:]:
+    for old in saved_steps(folder)[KEPT:]:
         _discard(folder / str(old))
 
 
@@ -101,7 +99,7 @@ def restore(folder: Path, like: Any, at_most: float = math.inf) -> Checkpoint | 
     A damaged one is renamed to `<step>.damaged`, and a warning names it.
 
     Args:
-      like: the state's structure, as arrays or from jax.eval_shape; its shardings are kept.
+      like: the state's structure, as from jax.eval_shape.
       at_most: a step; checkpoints beyond it are forgotten.
 
     Raises:
@@ -151,7 +149,7 @@ def _read(path: Path, step: int, like: Any) -> Checkpoint:
         if digest(array) != described[name].sha256:
             raise _Damaged(f"digest of {name}")
         with _damage_reported():
-            leaves.append(from_numpy(array, leaf, described[name].implementation))
+            leaves.append(from_numpy(array, described[name].implementation))
     state = jax.tree.unflatten(jax.tree.structure(like), leaves)
     return Checkpoint(step, state, extra)
 

@@ -24,7 +24,7 @@ def type_name(leaf: Any) -> str:
 
 def stored_type(leaf: Any) -> tuple[tuple[int, ...], np.dtype]:
     """Shape and type of a leaf as a plain array; a PRNG key is stored as its words."""
-    if _is_key(leaf):
+    if is_key(leaf):
         leaf = jax.eval_shape(jax.random.key_data, leaf)
     return leaf.shape, np.dtype(leaf.dtype)
 
@@ -35,31 +35,28 @@ def stored_bytes(state: Any) -> int:
     return sum(math.prod(shape) * dtype.itemsize for shape, dtype in types)
 
 
+def is_key(leaf: Any) -> bool:
+    """Whether a leaf or its structure is a typed PRNG key."""
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
 def key_implementation(leaf: Any) -> str | None:
     """Name of the generator of a PRNG key; None for other arrays."""
-    return str(jax.random.key_impl(leaf)) if _is_key(leaf) else None
+    return str(jax.random.key_impl(leaf)) if is_key(leaf) else None
 
 
 def to_numpy(leaf: Any) -> np.ndarray:
     """The plain array of a leaf."""
-    return np.asarray(jax.random.key_data(leaf) if _is_key(leaf) else leaf, order="C")
+    return np.asarray(jax.random.key_data(leaf) if is_key(leaf) else leaf, order="C")
 
 
-def from_numpy(array: np.ndarray, like: Any, implementation: str | None) -> Any:
-    """The leaf of a plain array, of the same kind and in the same place as `like`."""
-    if isinstance(like, np.ndarray):
-        return array
+def from_numpy(array: np.ndarray, implementation: str | None) -> jax.Array:
+    """The leaf of a plain array: a PRNG key of that generator, or an array like it."""
+    # Free to move to another device, as what a program starts with is: it compiles once.
     leaf = jnp.array(array)
-    if implementation:
-        leaf = jax.random.wrap_key_data(leaf, impl=implementation)
-    # An array that was free to move must stay so, or every function is compiled again.
-    return jax.device_put(leaf, like.sharding if getattr(like, "committed", True) else None)
+    return jax.random.wrap_key_data(leaf, impl=implementation) if implementation else leaf
 
 
 def digest(array: np.ndarray) -> str:
     """SHA-256 of an array's bytes."""
     return hashlib.sha256(array.tobytes()).hexdigest()
-
-
-def _is_key(leaf: Any) -> bool:
-    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)

@@ -1,4 +1,4 @@
-"""Reading .npz files of unknown origin: bounded memory, no pickles, one kind of error."""
+"""Writing .npz files, and reading those of unknown origin: bounded memory, no pickles."""
 
 import io
 import math
@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from crsfd_jax.errors import UserError
+from crsfd_jax.storage.files import write_atomically
 
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -28,6 +29,18 @@ _DAMAGE = (
     TypeError,
 )
 """What zipfile and numpy's header parser raise on bytes that were never an .npz file."""
+
+
+def write(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Replaces a file by one of named arrays, as `write_atomically` does."""
+    write_atomically(path, lambda stream: stream.write(content(arrays)))
+
+
+def content(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """The bytes of a file of named arrays."""
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)  # pyright: ignore[reportArgumentType]
+    return stream.getvalue()
 
 
 def read(path: Path, dtypes: Mapping[str, type], max_bytes: int) -> dict[str, np.ndarray]:

@@ -1,6 +1,5 @@
 """The trained policies of a run in one small file: parameters, without a line of code in it."""
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import numpy as np
 
 from crsfd_jax.errors import UserError
 from crsfd_jax.storage import npz
-from crsfd_jax.storage.files import write_atomically
 from crsfd_jax.storage.leaves import named_leaves
 
 _MAX_BYTES = 2**30
@@ -17,10 +15,7 @@ _MAX_BYTES = 2**30
 
 def save(path: Path, actor: Any) -> None:
     """Writes the actor parameters of all seeds, [S, ...] each, all or nothing."""
-    arrays = {name: np.asarray(leaf) for name, leaf in named_leaves(actor).items()}
-    stream = io.BytesIO()
-    np.savez(stream, **arrays)  # pyright: ignore[reportArgumentType]
-    write_atomically(path, lambda out: out.write(stream.getvalue()))
+    npz.write(path, {name: np.asarray(leaf) for name, leaf in named_leaves(actor).items()})
 
 
 def load(path: Path, like: Any) -> Any:

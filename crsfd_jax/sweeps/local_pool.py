@@ -21,7 +21,7 @@ def run(
 def _core_shares(workers: int) -> list[list[int]]:
     """The cores of this process dealt out to workers, which share them where there are too few."""
     cores = sorted(os.sched_getaffinity(0))
-    return [cores[i % len(cores) :: workers] or cores for i in range(workers)]
+    return [cores[i % len(cores) :: workers] for i in range(workers)]
 
 
 def _stay_on(cores: list[int]) -> None:

@@ -61,4 +61,4 @@ def _write(loaded: live.Live, path: Path) -> None:
     path.parent.mkdir(exist_ok=True)
     wanted, key = live.task_of(loaded, None, None), jax.random.key(loaded.config.seed)
     frames, _ = film.record(loaded, wanted, EPISODES, key, film.SMALL)
-    video.write_gif(path, frames, CONTROL_DT / film.SMALL.per_step)
+    video.write(path, frames, CONTROL_DT / film.SMALL.per_step)

@@ -18,6 +18,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.physics import select
+from crsfd_jax.storage.leaves import is_key
 
 SEEDS, WHOLE = PartitionSpec("seed"), PartitionSpec()
 _JOIN = ("JAX_COORDINATOR_ADDRESS", "JAX_NUM_PROCESSES", "JAX_PROCESS_ID")
@@ -108,7 +109,7 @@ def from_first(tree: Any) -> Any:
     """What the first process holds, in all of them; leaves are arrays and typed PRNG keys."""
     if jax.process_count() == 1:
         return tree
-    words = jax.tree.map(lambda x: jax.random.key_data(x) if _is_key(x) else x, tree)
+    words = jax.tree.map(lambda x: jax.random.key_data(x) if is_key(x) else x, tree)
     told = multihost_utils.broadcast_one_to_all(words)
     return jax.tree.map(_as_kind_of, told, tree)
 
@@ -131,15 +132,11 @@ def any_of(flag: bool) -> bool:
 
 
 def _collect_leaf(leaf):
-    words = jax.random.key_data(leaf) if _is_key(leaf) else leaf
+    words = jax.random.key_data(leaf) if is_key(leaf) else leaf
     return _as_kind_of(multihost_utils.process_allgather(words, tiled=True), leaf)
 
 
 def _as_kind_of(words, leaf):
-    if not _is_key(leaf):
+    if not is_key(leaf):
         return words
     return jax.random.wrap_key_data(words, impl=jax.random.key_impl(leaf))
-
-
-def _is_key(leaf):
-    return jax.numpy.issubdtype(leaf.dtype, jax.dtypes.prng_key)

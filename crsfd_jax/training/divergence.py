@@ -1,6 +1,5 @@
 """Seeds whose numbers are no longer finite: found, told, and kept for inspection."""
 
-import io
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax.storage.files import write_atomically
+from crsfd_jax.storage import npz
 from crsfd_jax.storage.leaves import named_leaves, to_numpy
 
 _log = logging.getLogger(__name__)
@@ -39,11 +38,9 @@ def keep(folder: Path, states: Any, index: int, seed: int, env_steps: int, place
       states: pytree [S, ...]; a file holds its leaves of this seed by their paths, a PRNG key
         as its words.
     """
-    stream = io.BytesIO()
     own = {name: to_numpy(leaf)[index] for name, leaf in named_leaves(states).items()}
-    np.savez(stream, **own)  # pyright: ignore[reportArgumentType]
     path = folder / f"diverged-seed{seed}-step{env_steps}.npz"
-    write_atomically(path, lambda out: out.write(stream.getvalue()))
+    npz.write(path, own)
     _log.warning(
         "seed %d diverged: %s not finite at %s steps; it no longer counts, its state is kept in %s",
         *(seed, place, f"{env_steps:,}", path),

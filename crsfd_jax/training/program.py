@@ -43,9 +43,6 @@ class Own(NamedTuple):
 class Program(NamedTuple):
     """The functions of a run, or of several: [S] are the seeds of all."""
 
-    env: Env
-    """That of the first seed, as is the learner."""
-    learner: Learner
     start: Callable[[], TrainState]
     """() -> states [S] before the first step."""
     advance: chunk.Chunk
@@ -108,7 +105,7 @@ def assemble(
         shift: Any = first.shift if own.shift is None else own.shift
         return train_step.make(make_env(own), method, dataclasses.replace(first, shift=shift))
 
-    learner = learner_of(of_first)
+    nets = learner_of(of_first).nets
 
     @jax.vmap
     def begin(own: Own) -> TrainState:
@@ -121,7 +118,7 @@ def assemble(
         def one(actor, own):
             key = jax.random.fold_in(jax.random.key(own.seed), _FRESH)
             key, env = jax.random.fold_in(key, env_steps), make_env(own)
-            return evaluation.run(env, learner.nets, actor, key, first.evaluation.episodes)
+            return evaluation.run(env, nets, actor, key, first.evaluation.episodes)
 
         return jax.vmap(one)(actor, own)
 
@@ -133,7 +130,7 @@ def assemble(
 
     start = jax.jit(start, compiler_options=_QUICK_COMPILE)
     advance = chunk.of_each(step, own, CHUNK_STEPS, mesh)
-    return Program(make_env(of_first), learner, start, advance, jax.jit(evaluate), mesh)
+    return Program(start, advance, jax.jit(evaluate), mesh)
 
 
 def _with_all_shapes(configs: Sequence[Config]) -> Config:

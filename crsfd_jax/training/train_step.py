@@ -41,8 +41,6 @@ class Learner(NamedTuple):
     """(key, preparation) -> state of one seed before its first step."""
     step: Callable[[TrainState, jax.Array], tuple[TrainState, dict[str, jax.Array]]]
     """(state, step) -> state after one vector step, metrics."""
-    learn: Callable[[TrainState, jax.Array, jax.Array], tuple[TrainState, dict[str, jax.Array]]]
-    """(state, step, key) -> state after the gradient updates of a vector step, metrics."""
     nets: networks.Networks
 
 
@@ -51,6 +49,7 @@ def make(env: Env, method: Method, config: Config) -> Learner:
     config = method.configure(config)
     nets = networks.make_networks(config.sac, ACTION_SIZE)
     warmup = warmup_steps(config)
+    update = functools.partial(learn, nets, method, config)
 
     def init(key: jax.Array, preparation: Preparation) -> TrainState:
         agent_key, method_key, env_key, age_key, key = jax.random.split(key, 5)
@@ -78,17 +77,16 @@ def make(env: Env, method: Method, config: Config) -> Learner:
             buffer = replay.add(state.replay, transition, outcome.finite, step)
             state, tally = state.replace(env=next_env, replay=buffer), _tally(outcome)
 
-        idle = jax.tree.map(jnp.zeros_like, jax.eval_shape(learn, state, step, learn_key)[1])
+        idle = jax.tree.map(jnp.zeros_like, jax.eval_shape(update, state, step, learn_key)[1])
         state, losses = jax.lax.cond(
             step < warmup,
             lambda state: (state, idle),
-            lambda state: learn(state, step, learn_key),
+            lambda state: update(state, step, learn_key),
             state,
         )
         return state, {**losses, **tally}
 
-    learn = functools.partial(_learn, nets, method, config)
-    return Learner(init=init, step=step, learn=learn, nets=nets)
+    return Learner(init=init, step=step, nets=nets)
 
 
 def _act(nets, state, warming_up, key):
@@ -111,8 +109,19 @@ def transition_of(before: EnvState, action: jax.Array, outcome: Outcome) -> Tran
     )
 
 
-def _learn(nets, method, config, state, step, key):
-    """All gradient updates of a vector step, and the new priorities."""
+def learn(
+    nets: networks.Networks,
+    method: Method,
+    config: Config,
+    state: TrainState,
+    step: jax.Array,
+    key: jax.Array,
+) -> tuple[TrainState, dict[str, jax.Array]]:
+    """All gradient updates of vector step `step`, and the new priorities; with metrics.
+
+    Args:
+      config: as the method configures it.
+    """
     draw_key, update_key, adapt_key = jax.random.split(key, 3)
     shape = (config.sac.updates_per_step, config.sac.batch_size)
     draw = method.draw(state.replay, step, draw_key, shape, config.replay)
@@ -132,7 +141,8 @@ def _learn(nets, method, config, state, step, key):
     # In units of the rewards, as the floor and the bonus are: their scale changes no priority.
     td_error = td_error / config.sac.reward_scale
     buffer = replay.reprioritise(state.replay, draw, td_error, config.replay)
-    metrics = {**metrics, "demo_share": jnp.mean(batches.is_demo, dtype=jnp.float32)}
+    is_demo = draw.rows[..., 0] < state.replay.num_demos
+    metrics = {**metrics, "demo_share": jnp.mean(is_demo, dtype=jnp.float32)}
     state = state.replace(agent=agent, prepared=prepared, replay=buffer)
     # Averaged together with the zeros of the steps of warm-up, it is the share of the others.
     return state, {**jax.tree.map(jnp.mean, metrics), "learned": jnp.float32(1.0)}

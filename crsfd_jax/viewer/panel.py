@@ -3,10 +3,10 @@
 import queue
 from typing import Any, NamedTuple
 
+from crsfd_jax.options.field_types import LARGEST_SHIFT
 from crsfd_jax.viewer import potential_map
 from crsfd_jax.viewer.live import Live, Task
 
-LARGEST_SHIFT = 20.0
 KEYS = {
     "I": (0, 1, "+x, away from the arm"),
     "K": (0, -1, "-x"),
@@ -52,7 +52,7 @@ def make(server: Any, live: Live, start: Task) -> Panel:
     status = gui.add_markdown("")
     with gui.add_folder("Task"):
         shapes = gui.add_dropdown("shape", live.scene.shapes, initial_value=start.shape)
-        shift = gui.add_slider("shift, mm", 0.0, LARGEST_SHIFT, 0.1, start.shift * 1e3)
+        shift = gui.add_slider("shift, mm", 0.0, LARGEST_SHIFT * 1e3, 0.1, start.shift * 1e3)
         usual = options.scene.friction
         friction = gui.add_slider("friction", min(0.1, usual), max(3.0, usual), 0.05, usual)
     with gui.add_folder("Policy"):

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import jax
 import mujoco
 import numpy as np
 
@@ -21,6 +22,8 @@ class Pose(NamedTuple):
     """[2] m."""
     socket_yaw: np.ndarray | None
     """[] rad; None where it is 0."""
+    friction: np.ndarray
+    """[] sliding friction coefficient between peg and socket."""
     setpoint: np.ndarray
     """[6] m and rad."""
 
@@ -29,11 +32,11 @@ def between(before: EnvState, after: EnvState, setpoint: np.ndarray, count: int)
     """`count` poses on the way from one state of an arm to the next, the last one there."""
     ends = [np.asarray(state.physics.qpos)[0] for state in (before, after)]
     speeds = [np.asarray(state.physics.qvel)[0] for state in (before, after)]
-    offset, yaw = np.asarray(after.around.socket_offset)[0], after.around.socket_yaw
-    yaw = None if yaw is None else np.asarray(yaw)[0]
+    around = jax.tree.map(lambda leaf: np.asarray(leaf)[0], after.around)
     for share in np.linspace(0, 1, count + 1)[1:]:
         qpos, qvel = ((1 - share) * first + share * last for first, last in (ends, speeds))
-        yield Pose(qpos, qvel, offset, yaw, setpoint)
+        place = around.socket_offset, around.socket_yaw
+        yield Pose(qpos, qvel, *place, around.friction, setpoint)
 
 
 def still(state: EnvState) -> Pose:
@@ -42,7 +45,8 @@ def still(state: EnvState) -> Pose:
 
 
 def put(model: mujoco.MjModel, data: mujoco.MjData, pose: Pose, scene: Scene) -> None:
-    """Brings a simulation to a pose, contact forces included."""
+    """Brings a simulation of `model_of` the scene to a pose, contact forces included."""
     data.qpos[:], data.qvel[:], data.ctrl[:] = pose.qpos, pose.qvel, pose.setpoint
+    model.geom_friction[scene.look_parts, 0] = pose.friction
     place_socket(data, scene, pose.socket_offset, pose.socket_yaw)
     mujoco.mj_forward(model, data)
