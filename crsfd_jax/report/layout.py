@@ -91,7 +91,7 @@ def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
 
     places = {place(cell) for cell in cells if id(cell) not in drawn}
     panels: dict[int, list[Panel]] = {}
-    for task, variant in sorted(places, key=lambda at: (bool(at[1]), by_size(at[1]), at[0])):
+    for task, variant in sorted(places, key=lambda at: (by_size(at[1]), at[0])):
         found = panel(task, variant)
         panels.setdefault(max(cell.planned_steps for cell in found.cells), []).append(found)
     return [

@@ -48,8 +48,7 @@ def find(cells: Sequence[Cell]) -> list[Lead]:
         if compared:
             steps = f"{cell.planned_steps / 1000:g}k steps"
             words = filter(None, (str(cell.task), cell.variant, steps))
-            varied = bool(cell.variant), by_size(cell.variant)
-            order = cell.planned_steps, varied, cell.task
+            order = cell.planned_steps, by_size(cell.variant), cell.task
             found.append((order, Lead(", ".join(words), compared.area, compared.exploring)))
     return [lead for _, lead in sorted(found, key=lambda each: each[0])]
 
@@ -66,8 +65,8 @@ def draw(found: Sequence[Lead], path: Path) -> None:
     look = style(OURS)
     areas, exploring = [lead.area for lead in found], [lead.exploring for lead in found]
     _mark(axes, areas, 0.0, look.colour, label="evaluations")
-    style_of = dict(mfc="white", alpha=0.6, label="episodes of training, exploring")
-    _mark(axes, exploring, _BELOW, look.colour, **style_of)
+    label = "episodes of training, exploring"
+    _mark(axes, exploring, _BELOW, look.colour, mfc="white", alpha=0.6, label=label)
     axes.axvline(0, color=style(THEIRS).colour, linewidth=1.4)
     axes.set_yticks(range(len(found)), [lead.label for lead in found])
     axes.set_ylim(len(found) - 0.5, -0.5)

@@ -41,14 +41,14 @@ def draw_of(cells: Sequence[Cell], path: Path) -> str:
     ours.sort(key=lambda cell: (bool(cell.variant), -cell.task.shift_mm))
     config = ours[0].runs[0].manifest.config if ours else Config()
     phi, demos = shown_potential.fit(config)
-    spread, nominal, beside = config.potential.spread, phi, ""
+    spread, nominal, beside = config.potential.spread, None, ""
     if config.shift if spread is None else spread:
         at_nominal = dataclasses.replace(config.potential, spread=0.0)
         nominal, _ = shown_potential.fit(dataclasses.replace(config, potential=at_nominal))
         beside = " In the middle and dashed: fitted where the demonstrations are, as in the paper."
     gamma = config.sac.gamma
-    draw(phi, demos, nominal if beside else None, path)
-    also = f"{rewarded(nominal, demos, gamma):.0%} with the dashed potential, " if beside else ""
+    draw(phi, demos, nominal, path)
+    also = f"{rewarded(nominal, demos, gamma):.0%} with the dashed potential, " if nominal else ""
     return (
         "The potential that shapes the rewards, fitted as in training with a shift of "
         f"{config.shift * 1e3:g} mm, for a tip at rest in the frame of the nominal socket.{beside} "
@@ -56,8 +56,8 @@ def draw_of(cells: Sequence[Cell], path: Path) -> str:
         "end. Squares: where the socket's centre may lie at shifts of 4, 6 and 8 mm. Hatched: out "
         "of reach whichever of them it is. Of the demonstrated steps "
         f"{rewarded(phi, demos, gamma):.0%} earn a positive shaping reward with gamma_k {gamma:g}, "
-        f"{also}and {rewarded(nominal, demos, config.potential.gamma):.0%} with gamma_k as low as "
-        f"gamma_0, {config.potential.gamma:g}."
+        f"{also}and {rewarded(nominal or phi, demos, config.potential.gamma):.0%} with gamma_k as "
+        f"low as gamma_0, {config.potential.gamma:g}."
     )
 
 
@@ -79,9 +79,12 @@ def draw(phi: Phi, demos: np.ndarray, nominal: Phi | None, path: Path) -> None:
       demos: [K, T, 6] tip poses, as from `shown_potential.tracks`.
       nominal: the potential of the nominal place, to compare with, if it is another.
     """
-    shown = {"averaged over the places of the socket": (phi, "-")} if nominal else {"": (phi, "-")}
+    shown = {"": (phi, "-")}
     if nominal:
-        shown["fitted at the nominal place alone"] = (nominal, "--")
+        shown = {
+            "averaged over the places of the socket": (phi, "-"),
+            "fitted at the nominal place alone": (nominal, "--"),
+        }
     canvas = matplotlib.figure.Figure((14, 7.4), layout="constrained")
     halves: Any = canvas.subfigures(2, 1, height_ratios=(1.75, 1))
     above = halves[0].subplots(1, len(shown) + 1)

@@ -29,7 +29,7 @@ def in_words(changed: Mapping[str, Any], drawn: Randomisation) -> str:
 
 
 def by_size(said: str) -> list[tuple[bool, float, str]]:
-    """Sorts words by the size of the numbers in them: of 10 demonstrations after of 5."""
+    """Sorts words by the size of the numbers in them, no words first: 5 before 10."""
     parts = filter(None, re.split(r"(\d+\.?\d*)", said))
     return [(False, float(p), "") if p[0].isdigit() else (True, 0.0, p) for p in parts]
 
