@@ -172,10 +172,10 @@ def test_trials_are_drawn_where_they_are(tmp_path, monkeypatch):
     monkeypatch.setattr(transfer, "save", lambda canvas, path: drawn.append(canvas))
     transfer_run(tmp_path / "a", "0", 90)
     transfer_run(tmp_path / "b", "2", 20, randomisation=Randomisation())
-    transfer.draw(found_in(tmp_path)[0], {"0": 1.0, "1": 0.9}, tmp_path / "transfer.png")
+    transfer.draw(found_in(tmp_path)[0], tmp_path / "transfer.png")
     (axes,) = drawn[0].axes
     points = [bars.lines[0] for bars in axes.containers]
-    assert [list(line.get_ydata()) for line in points] == [[0.9], [0.2], [1.0]]
+    assert [list(line.get_ydata()) for line in points] == [[0.9], [0.2], [1.0, 0.92]]
     assert points[1].get_markerfacecolor() == "white"
     paper = axes.containers[2]
     assert paper.get_label() == "paper, real arm, 25 trials"

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from crsfd_jax.report import paper
 from crsfd_jax.report.cells import Cell, Task
 from crsfd_jax.report.evidence import (
     Claim,
@@ -24,8 +25,6 @@ SMALL = 0.5
 """A success rate that the paper calls a small chance, or failing most of the time."""
 LIMITED = 0.9
 """Below this a method has not learned the task."""
-ROBOT = {"0": 1.0, "1": 1.0, "2": 0.92, "3": 0.92, "4": 0.96}
-"""Success of the paper's policies on the real arm, 25 trials each."""
 _GAINS = (Task("0", 8.0), Task("2", 4.0), Task("2", 6.0), Task("2", 8.0))
 _SHIFTS = (4.0, 6.0, 8.0)
 
@@ -143,5 +142,5 @@ def _transfer(transfers: Sequence[Trials]) -> Claim:
         "Policies trained under randomisation succeed on an arm they never met in 1.0, 1.0, 0.92, "
         "0.92, 0.96 of the trials on shapes 0 to 4 (here: in simulation, under a randomisation "
         "that training never saw)",
-        [above(transfers, shape, rate) for shape, rate in ROBOT.items()],
+        [above(transfers, shape, rate) for shape, rate in paper.SUCCESS.items()],
     )

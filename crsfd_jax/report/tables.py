@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from crsfd_jax.report import trials
+from crsfd_jax.report import paper, trials
 from crsfd_jax.report.cells import Cell, unusual_options
 from crsfd_jax.report.evidence import show
 from crsfd_jax.report.methods import style
@@ -60,13 +60,14 @@ def comparisons(cells: Sequence[Cell], ours: str) -> tuple[Table, Table]:
     return over_all, Table(each.head, sorted(each.rows, key=lambda row: row[0]), each.words)
 
 
-def transfers(found: Sequence[Trials], paper: dict[str, float]) -> Table:
+def transfers(found: Sequence[Trials]) -> Table:
     """Held-out trials of each shape beside the paper's on the real arm."""
     rows = []
     for each in found:
-        theirs = f"{paper[each.shape]:.2f}" if each.shape in paper else ""
+        known = each.shape in paper.SUCCESS
+        theirs = f"{paper.SUCCESS[each.shape]:.2f}" if known else ""
         rows.append((each.label, each.shape, *_rate(each), theirs))
-    head = ("method", "shape", "success, 95 % interval", "trials", "paper, real arm, 25 trials")
+    head = ("method", "shape", "success, 95 % interval", "trials", paper.NAME)
     return Table(head, rows, 2)
 
 

@@ -1,6 +1,6 @@
 """Draws held-out trials, shape by shape, beside those of the paper on its arm."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.figure
@@ -9,24 +9,22 @@ import numpy as np
 from crsfd_jax.drawing.axes import clean
 from crsfd_jax.intervals import wilson_interval
 from crsfd_jax.options.randomisation import Randomisation
+from crsfd_jax.report import paper
 from crsfd_jax.report.figures import save
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.trials import Trials
 
-PAPER_TRIALS = 25
-"""Of the paper's policies, on each shape."""
 _APART = 0.16
 """Between the methods of a shape, of the distance between two shapes."""
 
 
-def draw(found: Sequence[Trials], paper: Mapping[str, float], path: Path) -> None:
+def draw(found: Sequence[Trials], path: Path) -> None:
     """Writes a PNG: success rate and 95 % interval of each method on each shape.
 
-    Of the paper's trials the interval is Wilson's.
+    Beside them the paper's, of which the interval is Wilson's.
 
     Args:
       found: at least one.
-      paper: shape -> success on the real arm.
     """
     shapes = sorted({each.shape for each in found})
     labels = list(dict.fromkeys(each.label for each in found))
@@ -48,10 +46,11 @@ def draw(found: Sequence[Trials], paper: Mapping[str, float], path: Path) -> Non
             capsize=2,
             label=label,
         )
-    known = [(place, paper[shape]) for place, shape in enumerate(shapes) if shape in paper]
+    theirs = paper.SUCCESS
+    known = [(place, theirs[shape]) for place, shape in enumerate(shapes) if shape in theirs]
     if known:
         place, rate = np.array(known).T
-        ends = [wilson_interval(round(PAPER_TRIALS * r), PAPER_TRIALS) for r in rate.tolist()]
+        ends = [wilson_interval(round(paper.TRIALS * r), paper.TRIALS) for r in rate.tolist()]
         off = np.abs(np.array(ends).T - rate)
         beside = np.array(place) - _APART * (len(labels) + 1) / 2
         axes.errorbar(
@@ -63,7 +62,7 @@ def draw(found: Sequence[Trials], paper: Mapping[str, float], path: Path) -> Non
             color="0.45",
             capsize=2,
             zorder=1,
-            label=f"paper, real arm, {PAPER_TRIALS} trials",
+            label=paper.NAME,
         )
     axes.set_xticks(range(len(shapes)), shapes)
     axes.set_xlim(-0.5, len(shapes) - 0.5)

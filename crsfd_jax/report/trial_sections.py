@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from crsfd_jax.report import claims, html, tables, transfer, trials
+from crsfd_jax.report import html, tables, transfer, trials
 from crsfd_jax.report.evidence import show
 from crsfd_jax.report.trials import Trials
 
@@ -13,7 +13,7 @@ def held_out(found: Sequence[Trials], folder: Path) -> str:
     if not found:
         return ""
     path = folder / "transfer.png"
-    transfer.draw(found, claims.ROBOT, path)
+    transfer.draw(found, path)
     text = "Success rate under a randomisation that training never saw, 95 % interval."
     labels: dict[str, list[Trials]] = {}
     for each in found:
@@ -22,7 +22,7 @@ def held_out(found: Sequence[Trials], folder: Path) -> str:
         f"{label}: {show(trials.together(each).rate)} over {len(each)} shapes"
         for label, each in labels.items()
     ]
-    shown = html.table(*tables.transfers(found, claims.ROBOT))
+    shown = html.table(*tables.transfers(found))
     said = html.paragraph("; ".join(means) + ".")
     return html.section("Held-out randomisation", said, html.media(path, text), shown)
 

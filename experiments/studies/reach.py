@@ -23,6 +23,7 @@ from crsfd_jax.options.randomisation import HELD_OUT
 from crsfd_jax.physics.interface import Surroundings
 from crsfd_jax.scene.build import build
 from crsfd_jax.scene.kinematics import chain, tip_pose
+from crsfd_jax.storage import trained
 
 EDGES = np.array([0.0, 0.5, 1.0, 1.5, np.inf]) * 1e-3
 """m."""
@@ -52,7 +53,7 @@ def main(argv: list[str]) -> None:
     options = cli.parse(Reach, argv)
     compile_cache.enable()
     for run in (options.run, *options.others):
-        around, success, *_ = search.play(run, HELD_OUT)
+        around, success, *_ = search.play(trained.load(run), HELD_OUT)
         distance = np.abs(perceived(around)).max(axis=-1)
         print(f"{run.name}: {success.mean():.3f}; by distance, its edges in mm {EDGES[:-1] * 1e3}")
         for words, chosen in (("low", around.friction < 1), ("high", around.friction > 1)):

@@ -8,7 +8,7 @@ corners of the square more often than SACfD does.
 
 For each run, from its shift: success by the distance of the hole from its nominal place, the share
 of steps on the plate and the push there, a map of success over where the hole is, and of where the
-tip is while it touches the plane of the mouth. What came out is in docs/method.md.
+tip is while it touches the plane of the mouth. What came out is in docs/when_shaping_helps.md.
 """
 
 import dataclasses
@@ -55,13 +55,12 @@ class Played(NamedTuple):
     """[S, T, K] N, downwards, that the controller asks for."""
 
 
-def play(run: Path, arm: Randomisation | None = None) -> Played:
+def play(policies: trained.Trained, arm: Randomisation | None = None) -> Played:
     """Plays the policies of a run.
 
     Args:
       arm: what is drawn in place of the run's own.
     """
-    policies = trained.load(run)
     drawn = policies.config.randomisation if arm is None else arm
     env = task.make_env(dataclasses.replace(policies.config, randomisation=drawn))
 
@@ -163,11 +162,12 @@ def main(argv: list[str]) -> None:
     compile_cache.enable()
     shown = []
     for run in (options.run, *options.others):
-        config = trained.load(run).config
+        policies = trained.load(run)
+        config = policies.config
         half = config.shift / 2
         if not half:
             raise UserError(f"{run}: its hole does not move; choose a run with a --shift")
-        played = play(run)
+        played = play(policies)
         offset = np.asarray(played.around.socket_offset)
         words = " ".join(f"{rate:.3f}" for rate in by_distance(offset, played.success, half))
         height = played.tip[..., 2]
