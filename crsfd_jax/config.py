@@ -143,6 +143,9 @@ class Potential:
     """Side of the square in which demonstrated positions are moved about in the regression, since
     the socket may stand anywhere in it; --shift less that of the demonstrations if not given, 0mm
     for the paper's potential."""
+    alone: Literal["auto", "yes", "no"] = "auto"
+    """Whether demonstrations fit the potential alone and are not drawn into batches as well. auto:
+    where the socket may stand anywhere in a square that is wider than theirs by 7 mm or more."""
     terminal: Literal["zero", "keep"] = "keep"
     """Potential of the success state: kept as fitted, or zero (Ng et al. 1999)."""
 
@@ -222,6 +225,8 @@ def from_dict(values: Mapping[str, Any]) -> Config:
     """
     if isinstance(sac := values.get("sac"), Mapping):
         values = {**values, "sac": {"reward_scale": 1.0, "actor_tau": 1.0, **sac}}
+    if isinstance(potential := values.get("potential"), Mapping):
+        values = {**values, "potential": {"alone": "no", **potential}}
     return _rebuild(Config, values)
 
 

@@ -96,11 +96,6 @@ def test_an_arm_differs_from_the_method_in_one_option(name, changed):
     assert arm._replace(configure=whole.configure) == whole
 
 
-def test_the_control_has_the_potential_and_no_demonstrations_in_its_buffer():
-    control, whole = algorithms.load("crsfd_potential_only"), algorithms.load("crsfd")
-    assert not control.uses_demos and control._replace(uses_demos=True) == whole
-
-
 @pytest.mark.parametrize("name", ["crsfd", "crsfd_no_free_space"])
 def test_a_demonstrated_discount_above_the_tasks_is_refused(name):
     line = ["--algorithm", name, "--potential.gamma", "0.99"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import random_batch
 
-from crsfd_jax import config
+from crsfd_jax import algorithms, config
 from crsfd_jax.algorithms import crsfd
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.learn import potential
@@ -265,6 +265,26 @@ def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
     assert drop(0.0, 0.008) == drop(0.008, None)
     assert drop(0.008, None, demo_shift=0.008) == drop(0.004, None, demo_shift=0.006)
     assert drop(0.008, None, demo_shift=0.008) == drop(0.0, None)
+
+
+@pytest.mark.parametrize(
+    ("shift", "demo_shift", "alone", "draws"),
+    [
+        (0.0, 0.0, "auto", True),
+        (0.006, 0.0, "auto", True),
+        (0.008, 0.0, "auto", False),
+        (0.008, 0.002, "auto", True),
+        (0.008, 0.0, "no", True),
+        (0.0, 0.0, "yes", False),
+    ],
+)
+def test_demonstrations_of_a_socket_far_off_only_fit_the_potential(shift, demo_shift, alone, draws):
+    options = config.Config(shift=shift, potential=config.Potential(alone=alone))
+    given = Preparation(None, None, demo_shift)
+    assert crsfd.METHOD.draws_demos(given, options) == draws
+    for arm in ("crsfd_no_free_space", "crsfd_same_gamma"):
+        assert algorithms.load(arm).draws_demos(given, options) == draws
+    assert algorithms.load("sacfd").draws_demos(given, options)
 
 
 @pytest.mark.parametrize("terminal", ["keep", "zero"])

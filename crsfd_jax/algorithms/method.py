@@ -37,6 +37,10 @@ def _as_given(config: Config) -> Config:
     return config
 
 
+def _always(preparation: Preparation, config: Config) -> Any:
+    return True
+
+
 def _nothing(key: jax.Array, preparation: Preparation, config: Config) -> Any:
     return ()
 
@@ -65,6 +69,8 @@ class Method(NamedTuple):
 
     uses_demos: bool = True
     """Whether demonstrations are pinned in the replay buffer."""
+    draws_demos: Callable[[Preparation, Config], Any] = _always
+    """(preparation, config) -> [] bool, whether those that are pinned are drawn by priority."""
     interacts: bool = True
     """Whether the policy acts in the environment while it learns."""
     configure: Callable[[Config], Config] = _as_given

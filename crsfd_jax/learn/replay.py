@@ -71,16 +71,20 @@ class Batch:
     n_step: Backup
 
 
-def init(demos: Transition, num_envs: int, replay: config.Replay) -> ReplayState:
+def init(
+    demos: Transition, num_envs: int, replay: config.Replay, draws_demos: jax.Array | bool = True
+) -> ReplayState:
     """Empty ring behind the demonstrations [D]; D may be 0.
 
     Args:
       num_envs: the capacity is a multiple of it.
+      draws_demos: [] whether demonstrations have a priority, to be drawn by.
     """
     num_demos = demos.reward.shape[0]
     num_rows = num_demos + replay.capacity
     demo_priority = (1.0 + replay.demo_bonus) ** replay.priority_exponent
-    priority = jnp.zeros(-(-num_rows // BLOCK) * BLOCK).at[:num_demos].set(demo_priority)
+    priority = jnp.zeros(-(-num_rows // BLOCK) * BLOCK)
+    priority = priority.at[:num_demos].set(jnp.where(draws_demos, demo_priority, 0.0))
 
     def pin(rows: jax.Array) -> jax.Array:
         return jnp.zeros((num_rows, *rows.shape[1:]), rows.dtype).at[:num_demos].set(rows)

@@ -39,9 +39,6 @@ _STYLES = {
     "bc": Style("BC", "#000000", (0, (4, 3)), 1.4),
     WITHOUT_FREE_SPACE: Style("CRSfD without free-space regression", "#117733", (0, (6, 2))),
     WITHOUT_LARGER_GAMMA: Style("CRSfD without larger discount", "#332288", (0, (2, 1.2))),
-    "crsfd_potential_only": Style(
-        "CRSfD, demonstrations in the potential only", "#AA4499", (0, (4, 1.5))
-    ),
 }
 _OTHERS = ("#44AA99", "#A6761D", "#666666", "#88CCEE", "#DDCC77")
 _VARIANT_DASHES = ((0, (5, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (1, 1)))

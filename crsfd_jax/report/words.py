@@ -76,6 +76,11 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "sac.reward_scale": lambda scale: f"rewards times {scale:g}",
     "potential.gamma": lambda gamma: f"gamma_0 {gamma:g}",
     "potential.free_space_weight": lambda weight: f"lambda {weight:g}",
+    "potential.alone": lambda word: {
+        "yes": "demonstrations in the potential alone",
+        "no": "demonstrations in batches, too",
+        "auto": "demonstrations where usual",
+    }[word],
     "potential.terminal": lambda word: f"potential at success {word.replace('keep', 'kept')}",
     "potential.spread": lambda metres: (
         "usual spread" if metres is None else f"demonstrations spread {_millimetres(metres)}"

@@ -56,13 +56,14 @@ def make(env: Env, method: Method, config: Config) -> Learner:
         demos = preparation.demos
         if not method.uses_demos:
             demos = jax.tree.map(lambda x: x[:0], demos)
+        draws = method.draws_demos(preparation, config)
         start = env.reset(env_key, config.envs)
         # Environments begin at different ages, so that their resets do not come in waves.
         age = jax.random.randint(age_key, (config.envs,), 0, env.horizon)
         return TrainState(
             agent=sac.init(nets, OBS_SIZE, agent_key, config),
             prepared=method.prepare(method_key, preparation, config),
-            replay=replay.init(demos, config.envs, config.replay),
+            replay=replay.init(demos, config.envs, config.replay, draws),
             env=start.replace(age=age),
             key=key,
         )
