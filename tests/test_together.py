@@ -26,7 +26,7 @@ from crsfd_jax.storage import artefacts, checkpoints, metrics
 from crsfd_jax.training import program, trainer
 
 PAIR = (
-    Config(smoke=True, shape="3,1", shift=0.004, seed=5, seeds=1),
+    Config(smoke=True, shape="3,1", shift=0.008, seed=5, seeds=1),
     Config(smoke=True, shape="0,plus=.#./###/.#.", shift=0.0, seeds=2),
 )
 
@@ -73,7 +73,10 @@ def test_each_run_has_its_own_shapes_shift_and_seeds(programs):
     assert both.env.around.shape.shape[0] == 3
     assert_equal(numbers(both), joined(numbers(one), numbers(other)))
     offset = np.abs(np.asarray(both.env.around.socket_offset))
-    assert 0 < offset[0].max() <= 0.002 and (offset[1:] == 0).all()
+    assert 0.002 < offset[0].max() <= 0.004 and (offset[1:] == 0).all()
+    # So far off demonstrations only fit the potential.
+    priority = np.asarray(both.replay.priority)[:, : both.replay.num_demos]
+    assert (priority[0] == 0).all() and (priority[1:] > 0).all()
     drawn = [set(np.asarray(rows).tolist()) for rows in both.env.around.shape]
     assert drawn[0] == {1, 3} and drawn[1] | drawn[2] == {0, len(GRIDS)}
 
