@@ -8,9 +8,9 @@ moved as it may have: the potential is their value averaged over the places of t
 that is fitted to the demonstrated place alone has its top there, beside the hole. Demonstrations
 whose sockets had moved themselves are moved by what is left of the square.
 
-Where the socket may be far off, demonstrations only fit the potential. In the batches they show
-again and again that pressing down at their own place succeeds, and the search is learned later
-and less well (docs/when_shaping_helps.md); the potential says how deep, and leaves open where.
+Where the socket may be far off, demonstrations only fit the potential. They insert without a
+search, and whoever starts by learning from them as rows of the batches searches later and less
+well (docs/when_shaping_helps.md); the potential says how deep, and leaves open where.
 """
 
 import functools
@@ -28,7 +28,7 @@ from crsfd_jax.observation import POSE_SCALE, TIP_POSE
 
 FAR = 7e-3
 """m, width of the socket's square beyond that of the demonstrations from which on they only fit
-the potential: measured with 4, 6 and 8 mm, and better in all respects with 8 (docs/method.md)."""
+the potential: measured with 4, 6 and 8 mm, and better in every respect with 8."""
 
 
 def mismatch(preparation: Preparation, config: Config) -> Any:
