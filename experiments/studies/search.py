@@ -7,8 +7,9 @@ corners of the square more often than SACfD does.
         runs/setting2/crsfd-shape2-shift8mm-seed0x5 runs/setting2/sacfd-shape2-shift8mm-seed0x5
 
 For each run, from its shift: success by the distance of the hole from its nominal place, the share
-of steps on the plate and the push there, a map of success over where the hole is, and of where the
-tip is while it touches the plane of the mouth. What came out is in docs/when_shaping_helps.md.
+of steps on the plate and the push there, where the plate is touched first, a map of success over
+where the hole is, and of where the tip is while it touches the plane of the mouth. What came out
+is in docs/when_shaping_helps.md.
 """
 
 import dataclasses
@@ -105,6 +106,19 @@ def where_touched(tip: np.ndarray, half: float) -> np.ndarray:
     return np.histogram2d(x[on_plate], y[on_plate], (edges, edges), density=True)[0]
 
 
+def first_touch(tip: np.ndarray) -> tuple[float, float]:
+    """Of the first touches of a seed: how far from the nominal place their middle is, and how far
+    from that middle they are, m, root of the mean square; mean of both over the seeds."""
+    on_plate = np.abs(tip[..., 2]) < TOUCHES
+    first = on_plate.argmax(axis=1)
+    at = np.take_along_axis(tip[..., :2], first[:, None, :, None], axis=1)[:, 0]
+    touched = np.asarray(on_plate.any(axis=1))
+    places = np.where(touched[..., None], at, np.nan)
+    middle = np.nanmean(places, axis=1, keepdims=True)
+    apart = np.sqrt(np.nanmean(np.sum((places - middle) ** 2, axis=-1), axis=1))
+    return float(np.linalg.norm(middle, axis=-1).mean()), float(apart.mean())
+
+
 class Found(NamedTuple):
     """What is drawn of a run."""
 
@@ -172,10 +186,12 @@ def main(argv: list[str]) -> None:
         words = " ".join(f"{rate:.3f}" for rate in by_distance(offset, played.success, half))
         height = played.tip[..., 2]
         on_plate = np.abs(height) < TOUCHES
+        off, apart = first_touch(played.tip)
         print(
             f"{run.name}: success {played.success.mean():.3f}, from the nominal place outwards "
             f"{words}; on the plate in {on_plate.sum() / np.isfinite(height).sum():.2f} of the "
-            f"steps, with {played.push[on_plate].mean():.1f} N"
+            f"steps, with {played.push[on_plate].mean():.1f} N; first touches around a place "
+            f"{off * 1e3:.1f} mm off, {apart * 1e3:.1f} mm apart"
         )
         where = where_found(offset, played.success, half), where_touched(played.tip, half)
         label = f"{style(config.algorithm).label}, shape {shapes.label(config.shape)}"
