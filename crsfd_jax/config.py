@@ -214,6 +214,10 @@ def to_dict(config: Config) -> dict:
     return dataclasses.asdict(config)
 
 
+_BEFORE = {"sac": {"reward_scale": 1.0, "actor_tau": 1.0}, "potential": {"alone": "no"}}
+"""What was done before an option could be chosen, where its default is something else."""
+
+
 def from_dict(values: Mapping[str, Any]) -> Config:
     """The inverse of `to_dict`; lists from JSON become tuples.
 
@@ -223,10 +227,9 @@ def from_dict(values: Mapping[str, Any]) -> Config:
     Raises:
       UserError: an option is unknown, or its value is of another kind.
     """
-    if isinstance(sac := values.get("sac"), Mapping):
-        values = {**values, "sac": {"reward_scale": 1.0, "actor_tau": 1.0, **sac}}
-    if isinstance(potential := values.get("potential"), Mapping):
-        values = {**values, "potential": {"alone": "no", **potential}}
+    for part, before in _BEFORE.items():
+        if isinstance(given := values.get(part), Mapping):
+            values = {**values, part: {**before, **given}}
     return _rebuild(Config, values)
 
 

@@ -69,12 +69,12 @@ class Method(NamedTuple):
 
     uses_demos: bool = True
     """Whether demonstrations are pinned in the replay buffer."""
-    draws_demos: Callable[[Preparation, Config], Any] = _always
-    """(preparation, config) -> [] bool, whether those that are pinned are drawn by priority."""
     interacts: bool = True
     """Whether the policy acts in the environment while it learns."""
     configure: Callable[[Config], Config] = _as_given
     """Options that the method fixes."""
+    draws_demos: Callable[[Preparation, Config], Any] = _always
+    """(preparation, config) -> [] bool, whether pinned demonstrations are drawn by priority."""
     prepare: Callable[[jax.Array, Preparation, Config], Any] = _nothing
     """(key, preparation, config) -> what the method keeps during training, per seed."""
     draw: Callable[..., Draw] = replay.draw

@@ -99,17 +99,22 @@ def where_found(offset: np.ndarray, success: np.ndarray, half: float) -> np.ndar
     return found / np.histogram2d(x, y, (edges, edges))[0]
 
 
+def touching(tip: np.ndarray) -> np.ndarray:
+    """[...] bool, whether tips [..., 3] are on the plate; not once an episode is over."""
+    return np.abs(tip[..., 2]) < TOUCHES
+
+
 def where_touched(tip: np.ndarray, half: float) -> np.ndarray:
     """[48, 48] density of the tip on the plate within twice the shift, x first."""
-    x, y, z = tip[np.isfinite(tip).all(axis=-1)].T
-    edges, on_plate = np.linspace(-2 * half, 2 * half, 49), np.abs(z) < TOUCHES
-    return np.histogram2d(x[on_plate], y[on_plate], (edges, edges), density=True)[0]
+    x, y, _ = tip[touching(tip)].T
+    edges = np.linspace(-2 * half, 2 * half, 49)
+    return np.histogram2d(x, y, (edges, edges), density=True)[0]
 
 
 def first_touch(tip: np.ndarray) -> tuple[float, float]:
     """Of the first touches of a seed: how far from the nominal place their middle is, and how far
     from that middle they are, m, root of the mean square; mean of both over the seeds."""
-    on_plate = np.abs(tip[..., 2]) < TOUCHES
+    on_plate = touching(tip)
     first = on_plate.argmax(axis=1)
     at = np.take_along_axis(tip[..., :2], first[:, None, :, None], axis=1)[:, 0]
     touched = np.asarray(on_plate.any(axis=1))
@@ -184,12 +189,12 @@ def main(argv: list[str]) -> None:
         played = play(policies)
         offset = np.asarray(played.around.socket_offset)
         words = " ".join(f"{rate:.3f}" for rate in by_distance(offset, played.success, half))
-        height = played.tip[..., 2]
-        on_plate = np.abs(height) < TOUCHES
+        on_plate = touching(played.tip)
+        share = on_plate.sum() / np.isfinite(played.tip[..., 2]).sum()
         off, apart = first_touch(played.tip)
         print(
             f"{run.name}: success {played.success.mean():.3f}, from the nominal place outwards "
-            f"{words}; on the plate in {on_plate.sum() / np.isfinite(height).sum():.2f} of the "
+            f"{words}; on the plate in {share:.2f} of the "
             f"steps, with {played.push[on_plate].mean():.1f} N; first touches around a place "
             f"{off * 1e3:.1f} mm off, {apart * 1e3:.1f} mm apart"
         )
