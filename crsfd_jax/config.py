@@ -98,7 +98,10 @@ class Sac:
     target_entropy: Annotated[float, Interval(-1000, 1000)] = -3.0
     """Entropy that the temperature is tuned towards, nats."""
     warmup_steps: Annotated[int, Interval(0, 1_000_000_000)] = 2000
-    """Environment steps with uniform random actions before the first update."""
+    """Environment steps before the first update."""
+    warmup: Literal["auto", "random", "demos"] = "auto"
+    """Actions in those steps. random: uniform; demos: those of the nearest demonstrated poses, with
+    noise; auto: demos where demonstrations are not drawn into batches (--potential.alone)."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +217,10 @@ def to_dict(config: Config) -> dict:
     return dataclasses.asdict(config)
 
 
-_BEFORE = {"sac": {"reward_scale": 1.0, "actor_tau": 1.0}, "potential": {"alone": "no"}}
+_BEFORE = {
+    "sac": {"reward_scale": 1.0, "actor_tau": 1.0, "warmup": "random"},
+    "potential": {"alone": "no"},
+}
 """What was done before an option could be chosen, where its default is something else."""
 
 

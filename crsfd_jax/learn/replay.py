@@ -98,6 +98,11 @@ def init(
     )
 
 
+def draws_demos(state: ReplayState) -> jax.Array:
+    """[] bool, whether demonstrations, of which there must be some, have a priority."""
+    return state.priority[0] > 0
+
+
 def add(
     state: ReplayState, transition: Transition, valid: jax.Array, step: jax.Array
 ) -> ReplayState:

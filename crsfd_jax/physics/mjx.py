@@ -73,7 +73,9 @@ def make(scene: Scene, impl: str = "jax") -> Engine:
     def advance(
         state: PhysicsState, around: Surroundings, setpoint: jax.Array
     ) -> tuple[PhysicsState, Limits]:
-        blank = mjx.make_data(compiled, impl=impl, naconmax=len(setpoint) * _CANDIDATES)
+        blank = mjx.make_data(
+            compiled, impl=impl, naconmax=len(setpoint) * _CANDIDATES, njmax=compiled.njmax
+        )
         return jax.vmap(functools.partial(simulate, blank))(state, around, setpoint)
 
     if impl == "warp":

@@ -19,6 +19,7 @@ from crsfd_jax.learn import networks, replay, sac
 from crsfd_jax.learn.replay import Batch
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.options.schedule import warmup_steps
+from crsfd_jax.training import warmup
 from crsfd_jax.types import Transition
 
 
@@ -48,7 +49,7 @@ def make(env: Env, method: Method, config: Config) -> Learner:
     """The learner of a method on an environment."""
     config = method.configure(config)
     nets = networks.make_networks(config.sac, ACTION_SIZE)
-    warmup = warmup_steps(config)
+    first_update = warmup_steps(config)
     update = functools.partial(learn, nets, method, config)
 
     def init(key: jax.Array, preparation: Preparation) -> TrainState:
@@ -72,7 +73,7 @@ def make(env: Env, method: Method, config: Config) -> Learner:
         act_key, env_key, learn_key, key = jax.random.split(state.key, 4)
         state, tally = state.replace(key=key), {}
         if method.interacts:
-            action = _act(nets, state, step < warmup, act_key)
+            action = _act(nets, state, step < first_update, act_key, config.sac.warmup)
             next_env, outcome = env.step(state.env, action, env_key)
             transition = transition_of(state.env, action, outcome)
             buffer = replay.add(state.replay, transition, outcome.finite, step)
@@ -80,7 +81,7 @@ def make(env: Env, method: Method, config: Config) -> Learner:
 
         idle = jax.tree.map(jnp.zeros_like, jax.eval_shape(update, state, step, learn_key)[1])
         state, losses = jax.lax.cond(
-            step < warmup,
+            step < first_update,
             lambda state: (state, idle),
             lambda state: update(state, step, learn_key),
             state,
@@ -90,12 +91,15 @@ def make(env: Env, method: Method, config: Config) -> Learner:
     return Learner(init=init, step=step, nets=nets)
 
 
-def _act(nets, state, warming_up, key):
-    """Actions [E, A]: uniform during warm-up, then sampled from the policy."""
-    policy_key, uniform_key = jax.random.split(key)
-    action, _ = networks.sample_action(nets.actor, state.agent.actor, state.env.obs, policy_key)
-    uniform = jax.random.uniform(uniform_key, action.shape, minval=-1.0, maxval=1.0)
-    return jnp.where(warming_up, uniform, action)
+def _act(nets, state, warming_up, key, how):
+    """Actions [E, A]: those of the warm-up, then sampled from the policy."""
+    policy_key, warmup_key = jax.random.split(key)
+    obs = state.env.obs
+    return jax.lax.cond(
+        warming_up,
+        lambda: warmup.action(state.replay, obs, warmup_key, how),
+        lambda: networks.sample_action(nets.actor, state.agent.actor, obs, policy_key)[0],
+    )
 
 
 def transition_of(before: EnvState, action: jax.Array, outcome: Outcome) -> Transition:
