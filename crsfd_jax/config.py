@@ -31,13 +31,8 @@ from crsfd_jax.options.limits import Interval, OneOf, is_like
 from crsfd_jax.options.randomisation import Randomisation
 
 SHAPES = tuple(shapes.GRIDS)
-ALGORITHMS = tuple(
-    sorted(
-        path.stem
-        for path in (Path(__file__).parent / "algorithms").glob("*.py")
-        if path.stem not in ("__init__", "method")
-    )
-)
+_METHOD_FILES = (Path(__file__).parent / "algorithms").glob("*.py")
+ALGORITHMS = tuple(sorted({path.stem for path in _METHOD_FILES} - {"__init__", "method"}))
 """A method is a file of its own name."""
 
 
@@ -100,8 +95,8 @@ class Sac:
     warmup_steps: Annotated[int, Interval(0, 1_000_000_000)] = 2000
     """Environment steps before the first update."""
     warmup: Literal["auto", "random", "demos"] = "auto"
-    """Actions in those steps. random: uniform; demos: those of the nearest demonstrated poses, with
-    noise; auto: demos where demonstrations are not drawn into batches (--potential.alone)."""
+    """Actions until then: random, or demos, as the nearest demonstrated poses, with noise; auto:
+    demos where demonstrations are not drawn into batches (--potential.alone)."""
 
 
 @dataclass(frozen=True)
@@ -217,10 +212,7 @@ def to_dict(config: Config) -> dict:
     return dataclasses.asdict(config)
 
 
-_BEFORE = {
-    "sac": {"reward_scale": 1.0, "actor_tau": 1.0, "warmup": "random"},
-    "potential": {"alone": "no"},
-}
+_BEFORE = {"sac": {"reward_scale": 1.0, "actor_tau": 1.0}, "potential": {"alone": "no"}}
 """What was done before an option could be chosen, where its default is something else."""
 
 

@@ -115,6 +115,7 @@ NOT_RUN = {
     f"{DEMOS} from-run runs/NAME --out next.npz": TRAINED,
     f"{DEMOS} from-run runs/NAME --out near.npz --shift 4mm --noise 1.5 --seed 2": TRAINED,
     f"{TRAIN} --shape 2 --engine warp --envs 1024 --sac.updates-per-step 256": "needs a GPU",
+    "python bench/env.py --engines mjx warp --batch-sizes 320 4096": "needs a GPU",
     f"{SWEEP} setting1 --runner slurm --workers 16 --gpus 1 --slurm.partition gpu "
     "--slurm.minutes 240 --slurm.cores 8": "needs a SLURM cluster; test_sweep.py has a stand-in",
     "python experiments/studies/search.py search.png runs/NAME": "needs a run with a shift",

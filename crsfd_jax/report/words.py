@@ -72,6 +72,11 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "sac.actor_tau": lambda tau: (
         "newest actor" if tau == 1 else f"actor averaged with rate {tau:g}"
     ),
+    "sac.warmup": lambda word: {
+        "random": "warm-up at random",
+        "demos": "warm-up by demonstrations",
+        "auto": "usual warm-up",
+    }[word],
     "sac.initial_alpha": lambda alpha: f"temperature {alpha:g} at the start",
     "sac.reward_scale": lambda scale: f"rewards times {scale:g}",
     "potential.gamma": lambda gamma: f"gamma_0 {gamma:g}",
