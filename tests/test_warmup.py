@@ -8,8 +8,10 @@ import numpy as np
 import probe_env
 import pytest
 
-from crsfd_jax import algorithms
-from crsfd_jax.config import Replay
+from crsfd_jax import algorithms, task
+from crsfd_jax.algorithms.method import Preparation
+from crsfd_jax.config import Config, Replay
+from crsfd_jax.demos import builtin
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import replay
 from crsfd_jax.observation import OBS_SIZE, TIP_POSE
@@ -81,6 +83,28 @@ def test_demonstrations_that_are_not_drawn_are_acted_by(demos, obs, draws, like)
 def test_without_demonstrations_actions_are_random(demos, obs):
     none = jax.tree.map(lambda x: x[:0], demos)
     np.testing.assert_array_equal(actions(none, obs, "auto"), actions(demos, obs, "random"))
+
+
+@pytest.mark.parametrize(("how", "least", "most"), [("demos", 0.15, 0.5), ("random", 0.0, 0.01)])
+def test_a_hole_up_to_4_mm_off_is_found_by_the_demonstrations_and_not_at_random(how, least, most):
+    """Over six times the steps of a warm-up."""
+    env = task.make_env(Config(shape="2", shift=8e-3))
+    given = Preparation.of(builtin.load("builtin"), probe_env.free_space)
+    buffer = replay.init(given.demos, ENVS, Replay(capacity=ENVS))
+
+    @jax.jit
+    def play(key):
+        def step(state, key):
+            act_key, env_key = jax.random.split(key)
+            taken = warmup.action(buffer, state.obs, act_key, how)
+            state, outcome = env.step(state, taken, env_key)
+            return state, (outcome.terminated, outcome.truncated)
+
+        reset_key, *keys = jax.random.split(key, 201)
+        return jax.lax.scan(step, env.reset(reset_key, ENVS), jnp.stack(keys))[1]
+
+    inserted, ended = (np.asarray(x).sum() for x in play(jax.random.key(0)))
+    assert least <= inserted / (inserted + ended) <= most
 
 
 def stored(algorithm, **options):
