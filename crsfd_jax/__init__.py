@@ -1,11 +1,14 @@
 """New insertion tasks learned from demonstrations of another one (CRSfD) in JAX and MuJoCo."""
 
 import os
+import sys
 from importlib import metadata
 
 # GPUs and TPUs multiply float32 matrices in fewer bits unless told: too few for tenths of a
-# millimetre at the end of an arm. Read when jax starts; a value that the user set is left alone.
-os.environ.setdefault("JAX_DEFAULT_MATMUL_PRECISION", "highest")
+# millimetre at the end of an arm. A value that the user set is left alone.
+os.environ.setdefault("JAX_DEFAULT_MATMUL_PRECISION", _FULL := "highest")
+if (_jax := sys.modules.get("jax")) and _jax.config.jax_default_matmul_precision is None:
+    _jax.config.update("jax_default_matmul_precision", _FULL)  # It read the variable before.
 
 # XLA's fusion emitters compile MJX on a CPU into code that is about a hundred times slower. The
 # flag is read when jax starts and concerns CPUs only; a value that the user set is left alone.

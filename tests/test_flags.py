@@ -4,6 +4,7 @@ import importlib
 import os
 from importlib import metadata
 
+import jax
 import pytest
 
 import crsfd_jax
@@ -30,6 +31,17 @@ def test_the_flag_is_set_only_where_jaxlib_knows_it(loaded):
 
 def test_matrices_are_multiplied_in_full(loaded):
     assert loaded("0.10.2")[1] == "highest"
+
+
+@pytest.mark.parametrize(("held", "after"), [(None, "highest"), ("high", "high")])
+def test_a_jax_that_has_already_started_is_told(loaded, held, after):
+    before = jax.config.jax_default_matmul_precision
+    try:
+        jax.config.update("jax_default_matmul_precision", held)
+        loaded("0.10.2")
+        assert jax.config.jax_default_matmul_precision == after
+    finally:
+        jax.config.update("jax_default_matmul_precision", before)
 
 
 def test_what_the_user_set_is_left_alone(loaded):
