@@ -95,8 +95,8 @@ class Sac:
     warmup_steps: Annotated[int, Interval(0, 1_000_000_000)] = 2000
     """Environment steps before the first update."""
     warmup: Literal["auto", "random", "demos"] = "auto"
-    """Actions until then: random, or demos, as the nearest demonstrated poses, with noise; auto:
-    demos where demonstrations are not drawn into batches (--potential.alone)."""
+    """Actions until then. random: uniform; demos: what was demonstrated at the nearest tip pose,
+    with noise; auto: demos where demonstrations are in no batch (--potential.alone), or random."""
 
 
 @dataclass(frozen=True)

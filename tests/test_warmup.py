@@ -12,7 +12,6 @@ from crsfd_jax import algorithms, task
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, Replay
 from crsfd_jax.demos import builtin
-from crsfd_jax.errors import UserError
 from crsfd_jax.learn import replay
 from crsfd_jax.observation import OBS_SIZE, TIP_POSE
 from crsfd_jax.training import train_step, warmup
@@ -87,7 +86,7 @@ def test_without_demonstrations_actions_are_random(demos, obs):
 
 @pytest.mark.parametrize(("how", "least", "most"), [("demos", 0.15, 0.5), ("random", 0.0, 0.01)])
 def test_a_hole_up_to_4_mm_off_is_found_by_the_demonstrations_and_not_at_random(how, least, most):
-    """Over six times the steps of a warm-up."""
+    """Over six times the steps of a warm-up; 0.27 is usual."""
     env = task.make_env(Config(shape="2", shift=8e-3))
     given = Preparation.of(builtin.load("builtin"), probe_env.free_space)
     buffer = replay.init(given.demos, ENVS, Replay(capacity=ENVS))
@@ -136,9 +135,3 @@ def test_a_run_begins_as_it_is_told():
 
 def test_after_warmup_the_policy_acts():
     assert (stored("sacfd", warmup_steps=0) != stored("sacfd")).any()
-
-
-@pytest.mark.parametrize("algorithm", ["sac", "gail", "bc"])
-def test_methods_that_cannot_act_by_demonstrations_say_so(algorithm):
-    with pytest.raises(UserError, match=rf"--sac.warmup: got 'demos', .*{algorithm}: auto, random"):
-        stored(algorithm, warmup="demos")

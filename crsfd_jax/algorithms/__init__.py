@@ -19,9 +19,14 @@ def refuse_replaced(config: Config) -> None:
     Raises:
       UserError: there is one.
     """
+    method = load(config.algorithm)
+    if config.sac.warmup == "demos" and not (method.uses_demos and method.interacts):
+        raise UserError(
+            f"--sac.warmup: got demos, but {config.algorithm} has none to imitate; leave it out or "
+            "choose another --algorithm"
+        )
     usual, given, used = (
-        by_full_name(to_dict(each))
-        for each in (Config(), config, load(config.algorithm).configure(config))
+        by_full_name(to_dict(each)) for each in (Config(), config, method.configure(config))
     )
     for name, value in given.items():
         if value not in (usual[name], used[name]):

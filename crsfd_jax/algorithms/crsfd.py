@@ -10,8 +10,8 @@ whose sockets had moved themselves are moved by what is left of the square.
 
 Where the socket may be far off, demonstrations only fit the potential. They insert without a
 search, and whoever starts by learning from them as rows of the batches searches later and less
-well (docs/when_shaping_helps.md); the potential says how deep, and leaves open where. The warm-up
-acts by them instead (training/warmup.py).
+well (docs/when_shaping_helps.md); the potential says how deep, and leaves open where. In the
+warm-up they are imitated instead (training/warmup.py).
 """
 
 import functools
@@ -29,7 +29,8 @@ from crsfd_jax.observation import POSE_SCALE, TIP_POSE
 
 FAR = 7e-3
 """m, width of the socket's square beyond that of the demonstrations from which on they only fit
-the potential. Measured with 4, 6 and 8 mm: only with 8 does it lead to larger areas."""
+the potential. Measured with 4 and 6 mm, after a warm-up at random (smaller areas), and with 8 mm,
+imitating them in it (larger ones)."""
 
 
 def mismatch(preparation: Preparation, config: Config) -> Any:

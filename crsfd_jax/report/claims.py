@@ -95,8 +95,8 @@ def _setting2(book) -> list[Claim]:
         ),
         claim(
             "CRSfD gains significantly over SACfD on more mismatched tasks (here: with a potential "
-            "averaged over the places of the socket, and with 8 mm demonstrations that act in the "
-            "warm-up and are in no batch)",
+            "averaged over the places of the socket, and with 8 mm demonstrations that are "
+            "imitated in the warm-up and in no batch)",
             [
                 ahead(book, [task], "crsfd", "sacfd", what)
                 for task in _GAINS

@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from crsfd_jax.algorithms.method import Method, Preparation
 from crsfd_jax.config import Config
 from crsfd_jax.env import Env, EnvState, Outcome
-from crsfd_jax.errors import UserError
 from crsfd_jax.learn import networks, replay, sac
 from crsfd_jax.learn.replay import Batch
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
@@ -47,16 +46,7 @@ class Learner(NamedTuple):
 
 
 def make(env: Env, method: Method, config: Config) -> Learner:
-    """The learner of a method on an environment.
-
-    Raises:
-      UserError: the method has no demonstrations to act by in the warm-up.
-    """
-    if config.sac.warmup == "demos" and not (method.uses_demos and method.interacts):
-        raise UserError(
-            f"--sac.warmup: got 'demos', allowed with --algorithm {config.algorithm}: auto, "
-            "random; its runs do not act by demonstrations, leave the option out"
-        )
+    """The learner of a method on an environment."""
     config = method.configure(config)
     nets = networks.make_networks(config.sac, ACTION_SIZE)
     first_update = warmup_steps(config)
