@@ -4,9 +4,9 @@ Hypothesis: in place the potential alone learns later than with demonstrations, 
 where SAC does not. The further the hole may have moved, the less demonstrations in the batches are
 worth, since they lack the search. That was found on shape 2 with 8 mm, and is the default from 7 mm
 on; here is the other choice for each task. Where demonstrations are not in the batches a run's
-warm-up imitates them, and finds its first holes so: here is what happens if it does not, and whether
-it does as much for SACfD. The default, SACfD and SAC are in the experiments early, setting2 and
-setting2_wide. Seeds with 8 mm as there.
+warm-up imitates them, and finds its first holes so: here is what happens if it does not, and
+whether it does as much for SACfD. The default, SACfD and SAC are in the experiments early, setting2
+and setting2_wide. Seeds with 8 mm as there.
 """
 
 from crsfd_jax.sweeps.grid import axis, grid, methods
