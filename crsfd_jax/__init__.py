@@ -6,7 +6,8 @@ from importlib import metadata
 
 # GPUs and TPUs multiply float32 matrices in fewer bits unless told: too few for tenths of a
 # millimetre at the end of an arm. A value that the user set is left alone.
-os.environ.setdefault("JAX_DEFAULT_MATMUL_PRECISION", _FULL := "highest")
+_FULL = "highest"
+os.environ.setdefault("JAX_DEFAULT_MATMUL_PRECISION", _FULL)
 if (_jax := sys.modules.get("jax")) and _jax.config.jax_default_matmul_precision is None:
     _jax.config.update("jax_default_matmul_precision", _FULL)  # It read the variable before.
 

@@ -10,7 +10,7 @@ import pytest
 
 from crsfd_jax import algorithms, task
 from crsfd_jax.algorithms.method import Preparation
-from crsfd_jax.config import Config, Replay
+from crsfd_jax.config import Config, Potential, Replay
 from crsfd_jax.demos import builtin
 from crsfd_jax.learn import replay
 from crsfd_jax.observation import OBS_SIZE, TIP_POSE
@@ -106,12 +106,11 @@ def test_a_hole_up_to_4_mm_off_is_found_by_the_demonstrations_and_not_at_random(
     assert least <= inserted / (inserted + ended) <= most
 
 
-def stored(algorithm, **options):
+def stored(algorithm, alone="no", **options):
     """[E, A] actions of the first vector step of a run."""
-    config = dataclasses.replace(probe_env.config(), algorithm=algorithm)
-    potential = dataclasses.replace(config.potential, alone=options.pop("alone", "no"), steps=1)
-    sac = dataclasses.replace(config.sac, **options)
-    config = dataclasses.replace(config, potential=potential, sac=sac)
+    potential = Potential(alone=alone, steps=1)
+    config = probe_env.config(algorithm=algorithm, potential=potential)
+    config = dataclasses.replace(config, sac=dataclasses.replace(config.sac, **options))
     learner = train_step.make(probe_env.make(), algorithms.load(algorithm), config)
     preparation = probe_env.preparation(6)
 

@@ -42,8 +42,7 @@ def action(
 
 def _imitated(buffer, obs, key):
     """Actions of the nearest demonstrated poses, in units of POSE_SCALE, with noise."""
-    rows = jax.tree.map(lambda x: x[: buffer.num_demos], buffer.storage)
-    gap = obs[:, None, TIP_POSE] - rows.obs[:, TIP_POSE]
+    gap = obs[:, None, TIP_POSE] - buffer.storage.obs[: buffer.num_demos, TIP_POSE]
     nearest = jnp.argmin(jnp.sum(gap**2, axis=-1), axis=1)
     noise = NOISE * jax.random.normal(key, (len(obs), ACTION_SIZE))
-    return jnp.clip(rows.action[nearest] + noise, -1.0, 1.0)
+    return jnp.clip(buffer.storage.action[nearest] + noise, -1.0, 1.0)
