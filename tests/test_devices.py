@@ -27,7 +27,7 @@ print([devices.mesh(seeds).size for seeds in (1, 2, 4, 5, 6, 8, 9)])
 
 def environment(devices=1, **more):
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
-    return os.environ | {"XLA_FLAGS": flags} | more
+    return os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"} | more
 
 
 def start(folder, seeds, *options, **changes):

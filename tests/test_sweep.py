@@ -38,7 +38,7 @@ STEPS = [1024, 2048, 3072, 4096]
 @pytest.fixture
 def file(tmp_path, monkeypatch) -> Path:
     """An experiment of three cells."""
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT), prepend=os.pathsep)
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "three.py"
     path.write_text(

@@ -1,5 +1,6 @@
 """What an experiment asks for beside its runs: demonstrations before them, trials after them."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -29,7 +30,7 @@ def fake(program: str) -> tuple[str, ...]:
 
 @pytest.fixture
 def file(tmp_path, monkeypatch) -> Path:
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT), prepend=os.pathsep)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(attempt, "EVALUATE", fake(PLAY))
     monkeypatch.setattr(demonstrations, "DEMOS", fake(WRITE))
