@@ -143,7 +143,7 @@ class Potential:
     for the paper's potential."""
     alone: Literal["auto", "yes", "no"] = "auto"
     """Whether demonstrations fit the potential alone and are not drawn into batches as well. auto:
-    where the socket may stand anywhere in a square that is wider than theirs by 7 mm or more."""
+    where the socket may stand in a wider square than theirs."""
     terminal: Literal["zero", "keep"] = "keep"
     """Potential of the success state: kept as fitted, or zero (Ng et al. 1999)."""
 

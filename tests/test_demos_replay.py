@@ -40,7 +40,7 @@ def test_the_shipped_demonstrations_replay_to_the_same_ends(shipped, played):
     np.testing.assert_array_equal(played.success, played.recorded_success)
     np.testing.assert_array_equal(played.recorded_success, dataset.episode_success(shipped))
     assert played.recorded_success.mean() >= 0.5 and len(played.success) == 40
-    # Other processors round differently, and a sliding contact lets that grow, in an episode or two.
+    # Other processors round differently, and a sliding contact lets that grow in one or two.
     assert np.median(played.deviation) < 1e-4 and np.quantile(played.deviation, 0.95) < 2e-3
 
 

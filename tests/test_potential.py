@@ -271,14 +271,17 @@ def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
     ("shift", "demo_shift", "alone", "draws"),
     [
         (0.0, 0.0, "auto", True),
-        (0.006, 0.0, "auto", True),
-        (0.008, 0.0, "auto", False),
-        (0.008, 0.002, "auto", True),
+        (0.004, 0.0, "auto", False),
+        (0.008, 0.004, "auto", False),
+        (0.008, 0.008, "auto", True),
+        (0.004, 0.008, "auto", True),
         (0.008, 0.0, "no", True),
         (0.0, 0.0, "yes", False),
     ],
 )
-def test_demonstrations_of_a_socket_far_off_only_fit_the_potential(shift, demo_shift, alone, draws):
+def test_demonstrations_of_a_socket_in_a_smaller_square_only_fit_the_potential(
+    shift, demo_shift, alone, draws
+):
     options = config.Config(shift=shift, potential=config.Potential(alone=alone))
     given = Preparation(None, None, demo_shift)
     assert crsfd.METHOD.draws_demos(given, options) == draws

@@ -8,10 +8,10 @@ moved as it may have: the potential is their value averaged over the places of t
 that is fitted to the demonstrated place alone has its top there, beside the hole. Demonstrations
 whose sockets had moved themselves are moved by what is left of the square.
 
-Where the socket may be far off, demonstrations only fit the potential. They insert without a
-search, and whoever starts by learning from them as rows of the batches searches later and less
-well (docs/when_shaping_helps.md); the potential says how deep, and leaves open where. In the
-warm-up they are imitated instead (training/warmup.py).
+There, demonstrations only fit the potential. They insert without a search, and the further the
+socket may be off the less whoever starts by learning from them as rows of the batches searches
+(docs/when_shaping_helps.md); the potential says how deep, and leaves open where. In the warm-up
+they are imitated instead (training/warmup.py).
 """
 
 import functools
@@ -27,11 +27,6 @@ from crsfd_jax.learn.replay import Batch
 from crsfd_jax.learn.shaping import shape_reward
 from crsfd_jax.observation import POSE_SCALE, TIP_POSE
 
-FAR = 7e-3
-"""m, width of the socket's square beyond that of the demonstrations from which on they only fit
-the potential. Measured with 4 and 6 mm, after a warm-up at random (smaller areas), and with 8 mm,
-imitating them in it (larger ones)."""
-
 
 def mismatch(preparation: Preparation, config: Config) -> Any:
     """m, side of the square in which the socket stands, less that of the demonstrations."""
@@ -41,7 +36,7 @@ def mismatch(preparation: Preparation, config: Config) -> Any:
 def draws_demos(preparation: Preparation, config: Config) -> Any:
     """Whether demonstrations are learned from as rows of the buffer, too."""
     alone = config.potential.alone
-    return mismatch(preparation, config) < FAR if alone == "auto" else alone == "no"
+    return mismatch(preparation, config) <= 0 if alone == "auto" else alone == "no"
 
 
 def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potential.FittedPotential:
