@@ -95,7 +95,7 @@ def _setting2(book) -> list[Claim]:
         ),
         claim(
             "CRSfD gains significantly over SACfD on more mismatched tasks (here: with a potential "
-            "averaged over the places of the socket, and with 8 mm demonstrations that are "
+            "averaged over the places of the socket, and demonstrations that are "
             "imitated in the warm-up and in no batch)",
             [
                 ahead(book, [task], "crsfd", "sacfd", what)
