@@ -96,7 +96,7 @@ class Sac:
     """Environment steps before the first update."""
     warmup: Literal["auto", "random", "demos"] = "auto"
     """Actions until then. random: uniform; demos: what was demonstrated at the nearest tip pose,
-    with noise; auto: demos where demonstrations are in no batch (--potential.alone), or random."""
+    with noise; auto: demos where they are in no batch (--replay.draw-demos), else random."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,9 @@ class Replay:
     """Added to every priority."""
     demo_bonus: Weight = 0.1
     """Added to the priority of a demonstration."""
+    draw_demos: Literal["auto", "yes", "no"] = "auto"
+    """Whether demonstrations are drawn into batches; auto: yes, but for CRSfD no where the socket
+    may stand in a wider square than theirs."""
     n_step: Annotated[int, Interval(1, 1000)] = 3
     """Length of the n-step return used beside the 1-step return."""
     n_step_weight: Weight = 1.0
@@ -141,9 +144,6 @@ class Potential:
     """Side of the square in which demonstrated positions are moved about in the regression, since
     the socket may stand anywhere in it; --shift less that of the demonstrations if not given, 0mm
     for the paper's potential."""
-    alone: Literal["auto", "yes", "no"] = "auto"
-    """Whether demonstrations fit the potential alone and are not drawn into batches as well. auto:
-    where the socket may stand in a wider square than theirs."""
     terminal: Literal["zero", "keep"] = "keep"
     """Potential of the success state: kept as fitted, or zero (Ng et al. 1999)."""
 
@@ -212,7 +212,7 @@ def to_dict(config: Config) -> dict:
     return dataclasses.asdict(config)
 
 
-_BEFORE = {"sac": {"reward_scale": 1.0, "actor_tau": 1.0}, "potential": {"alone": "no"}}
+_BEFORE = {"sac": {"reward_scale": 1.0, "actor_tau": 1.0}, "replay": {"draw_demos": "yes"}}
 """What was done before an option could be chosen, where its default is something else."""
 
 

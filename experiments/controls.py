@@ -5,8 +5,9 @@ where SAC does not. The further the hole may have moved, the less demonstrations
 worth, since they lack the search. That was found on shape 2 with 8 mm, and is the default wherever
 the hole may have moved; here is the other choice for each task. Where demonstrations are not in the
 batches a run's warm-up imitates them, and finds its first holes so: here is what happens if it does
-not, and whether it does as much for SACfD. The default, SACfD and SAC are in the experiments early,
-setting2 and setting2_wide. Seeds with 8 mm as there.
+not, and whether it does as much for SACfD, with demonstrations in its batches and without, which is
+CRSfD without its potential. The default, SACfD and SAC are in the experiments early, setting2 and
+setting2_wide. Seeds with 8 mm as there; after a warm-up at random 0 to 14.
 """
 
 from crsfd_jax.sweeps.grid import axis, grid, methods
@@ -14,7 +15,7 @@ from crsfd_jax.sweeps.grid import axis, grid, methods
 IN_PLACE = axis("--algorithm", "crsfd"), axis("--shape", "1", "2", "3", "4")
 MOVED = methods("crsfd"), axis("--shape", "2", "0")
 FAR = axis("--shift", "8mm")
-ALONE, TOO = axis("--potential.alone", "yes"), axis("--potential.alone", "no")
+ALONE, TOO = axis("--replay.draw-demos", "no"), axis("--replay.draw-demos", "yes")
 RANDOM, BY_DEMOS = axis("--sac.warmup", "random"), axis("--sac.warmup", "demos")
 CELLS = (
     *grid(*IN_PLACE, ALONE),
@@ -27,4 +28,6 @@ CELLS = (
     *grid(*MOVED, FAR, RANDOM, axis("--seed", "5", "10")),
     *grid(methods("crsfd"), axis("--shape", "all"), FAR, RANDOM),
     *grid(methods("sacfd"), axis("--shape", "2", "0"), FAR, BY_DEMOS),
+    *grid(axis("--algorithm", "sacfd"), axis("--shape", "2"), ALONE),
+    *grid(methods("sacfd"), axis("--shape", "2"), FAR, ALONE),
 )

@@ -1,7 +1,7 @@
 """One policy for all five shapes, shifts up to 8 mm, from the same demonstrations; and five.
 
 Hypothesis: one policy reaches 0.9 in the mean over the shapes. Each of its episodes draws a
-shape, so per shape it meets a fifth of the steps; the five separate policies have as many. The
+shape, so per shape it meets a fifth of the steps; each of the five separate policies has all. The
 table of a policy's 500 trials says how each shape fares.
 """
 

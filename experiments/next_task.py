@@ -2,8 +2,8 @@
 
 Hypothesis: demonstrations recorded with a moved hole hold the search for it, which those of the
 nominal place do not, so both methods learn sooner. Their positions are spread over the places of
-the hole already, so the potential is fitted to them as they are. BC says how much of the new task
-the demonstrations solve by themselves.
+the hole already, so the potential is fitted to them as they are, and CRSfD draws them into its
+batches. BC says how much of the new task the demonstrations solve by themselves.
 
 They are recorded from a run of setting 2, which must be there:
     python -m crsfd_jax.sweep --experiment setting2 --only crsfd-shape0-shift8mm-seed0x5

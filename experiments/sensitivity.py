@@ -9,7 +9,8 @@ down is a small part of the work, and every lead is smaller.
 CRSfD and SACfD where the task, the discount or the demonstrations change, CRSfD alone for its own
 parameters. The unchanged run without a shift is in the experiment early; it stands for gamma_0
 0.95, gamma_k 0.98, lambda 0.1, 40 demonstrations, 1.5 times the expert's spread and 1 mm of
-clearance. Twice the steps, and the unchanged run, where the hole has moved.
+clearance. Cells with a moved hole, where CRSfD draws no demonstrations into its batches, have twice
+the steps and their own unchanged run.
 """
 
 from crsfd_jax.sweeps.grid import axis, grid

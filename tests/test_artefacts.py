@@ -182,11 +182,11 @@ def test_an_option_that_is_younger_than_a_run_is_read_as_what_was_done_then(tmp_
     file = tmp_path / "run" / "config.json"
     manifest = json.loads(file.read_text())
     del manifest["config"]["sac"]["reward_scale"], manifest["config"]["sac"]["actor_tau"]
-    del manifest["config"]["potential"]["alone"]
+    del manifest["config"]["replay"]["draw_demos"]
     file.write_text(json.dumps(manifest))
     before = artefacts.read_config(tmp_path / "run")
     assert (before.sac.reward_scale, before.sac.actor_tau) == (1.0, 1.0)
-    assert before.potential.alone == "no"
+    assert before.replay.draw_demos == "yes"
 
 
 def test_an_option_that_the_folder_does_not_know_yet_had_its_default(tmp_path):

@@ -74,7 +74,7 @@ def test_each_run_has_its_own_shapes_shift_and_seeds(programs):
     assert_equal(numbers(both), joined(numbers(one), numbers(other)))
     offset = np.abs(np.asarray(both.env.around.socket_offset))
     assert 0.002 < offset[0].max() <= 0.004 and (offset[1:] == 0).all()
-    # So far off demonstrations only fit the potential.
+    # With a moved hole demonstrations only fit the potential.
     priority = np.asarray(both.replay.priority)[:, : both.replay.num_demos]
     assert (priority[0] == 0).all() and (priority[1:] > 0).all()
     drawn = [set(np.asarray(rows).tolist()) for rows in both.env.around.shape]

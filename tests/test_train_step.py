@@ -162,16 +162,16 @@ def test_demonstrations_stay_in_the_buffer():
 def test_demonstrations_that_only_fit_the_potential_are_never_drawn():
     config = dataclasses.replace(probe_env.config(), algorithm="crsfd")
     shares = {}
-    for alone in ("no", "yes"):
-        potential = dataclasses.replace(config.potential, alone=alone)
-        own = dataclasses.replace(config, potential=potential)
+    for drawn in ("no", "yes"):
+        replay = dataclasses.replace(config.replay, draw_demos=drawn)
+        own = dataclasses.replace(config, replay=replay)
         learner, states = learner_and_states(own)
         fitted = jax.tree.map(np.asarray, states.prepared)
         after, metrics = chunk.make(learner, 40)(states, jnp.int32(0))
-        shares[alone] = np.asarray(metrics["demo_share"])
-        assert (np.asarray(after.replay.priority)[:, :6] > 0).all() == (alone == "no")
+        shares[drawn] = np.asarray(metrics["demo_share"])
+        assert (np.asarray(after.replay.priority)[:, :6] > 0).all() == (drawn == "yes")
         jax.tree.map(np.testing.assert_array_equal, fitted, after.prepared)
-    assert (shares["yes"] == 0).all() and (shares["no"] > 0).all()
+    assert (shares["no"] == 0).all() and (shares["yes"] > 0).all()
 
 
 def test_sac_draws_uniformly_and_without_demonstrations():

@@ -112,6 +112,13 @@ def test_a_run_without_its_checkpoints_does_not_start_over(whole, tmp_path):
         ),
         *(
             (
+                Config(algorithm=name, replay=Replay(draw_demos=choice)),
+                f"--replay.draw-demos: got {choice}, but {name} does not",
+            )
+            for name, choice in (("sac", "yes"), ("sqil", "no"), ("rlpd", "no"), ("bc", "no"))
+        ),
+        *(
+            (
                 Config(algorithm=name, sac=Sac(warmup="demos")),
                 f"--sac.warmup: got demos, but {name}",
             )

@@ -106,11 +106,12 @@ def test_a_hole_up_to_4_mm_off_is_found_by_the_demonstrations_and_not_at_random(
     assert least <= inserted / (inserted + ended) <= most
 
 
-def stored(algorithm, alone="no", **options):
+def stored(algorithm, drawn="auto", **options):
     """[E, A] actions of the first vector step of a run."""
-    potential = Potential(alone=alone, steps=1)
-    config = probe_env.config(algorithm=algorithm, potential=potential)
-    config = dataclasses.replace(config, sac=dataclasses.replace(config.sac, **options))
+    config = probe_env.config(algorithm=algorithm, potential=Potential(steps=1))
+    replay = dataclasses.replace(config.replay, draw_demos=drawn)
+    sac = dataclasses.replace(config.sac, **options)
+    config = dataclasses.replace(config, sac=sac, replay=replay)
     learner = train_step.make(probe_env.make(), algorithms.load(algorithm), config)
     preparation = probe_env.preparation(6)
 
@@ -123,11 +124,12 @@ def stored(algorithm, alone="no", **options):
 
 
 def test_a_run_begins_as_it_is_told():
-    by_rows, alone = stored("crsfd"), stored("crsfd", alone="yes")
+    by_rows, alone = stored("crsfd"), stored("crsfd", drawn="no")
     assert (by_rows != alone).any()
     np.testing.assert_array_equal(by_rows, stored("crsfd", warmup="random"))
     np.testing.assert_array_equal(alone, stored("crsfd", warmup="demos"))
-    np.testing.assert_array_equal(by_rows, stored("crsfd", alone="yes", warmup="random"))
+    np.testing.assert_array_equal(by_rows, stored("crsfd", drawn="no", warmup="random"))
+    np.testing.assert_array_equal(alone, stored("sacfd", drawn="no"))
     np.testing.assert_array_equal(alone, stored("sacfd", warmup="demos"))
     np.testing.assert_array_equal(by_rows, stored("sacfd"))
 

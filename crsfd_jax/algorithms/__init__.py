@@ -5,6 +5,7 @@ import importlib
 from crsfd_jax.algorithms.method import Method
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
+from crsfd_jax.learn import replay
 from crsfd_jax.options.names import by_full_name
 
 
@@ -24,6 +25,13 @@ def refuse_replaced(config: Config) -> None:
         raise UserError(
             f"--sac.warmup: got demos, but {config.algorithm} has none to imitate; leave it out or "
             "choose another --algorithm"
+        )
+    if config.replay.draw_demos != "auto" and not (
+        method.uses_demos and method.draw is replay.draw
+    ):
+        raise UserError(
+            f"--replay.draw-demos: got {config.replay.draw_demos}, but {config.algorithm} does not "
+            "draw by priority; leave it out or choose another --algorithm"
         )
     usual, given, used = (
         by_full_name(to_dict(each)) for each in (Config(), config, method.configure(config))

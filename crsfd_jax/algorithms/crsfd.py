@@ -8,10 +8,10 @@ moved as it may have: the potential is their value averaged over the places of t
 that is fitted to the demonstrated place alone has its top there, beside the hole. Demonstrations
 whose sockets had moved themselves are moved by what is left of the square.
 
-There, demonstrations only fit the potential. They insert without a search, and the further the
-socket may be off the less whoever starts by learning from them as rows of the batches searches
-(docs/when_shaping_helps.md); the potential says how deep, and leaves open where. In the warm-up
-they are imitated instead (training/warmup.py).
+Where the square of the new task is wider than theirs, demonstrations only fit the potential. They
+insert without a search, and a policy that starts by learning from them as rows of the batches
+searches less (docs/when_shaping_helps.md); the potential says how deep, and leaves open where. In
+the warm-up they are imitated instead (training/warmup.py).
 """
 
 import functools
@@ -35,8 +35,7 @@ def mismatch(preparation: Preparation, config: Config) -> Any:
 
 def draws_demos(preparation: Preparation, config: Config) -> Any:
     """Whether demonstrations are learned from as rows of the buffer, too."""
-    alone = config.potential.alone
-    return mismatch(preparation, config) <= 0 if alone == "auto" else alone == "no"
+    return mismatch(preparation, config) <= 0
 
 
 def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potential.FittedPotential:

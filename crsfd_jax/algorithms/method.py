@@ -74,7 +74,8 @@ class Method(NamedTuple):
     configure: Callable[[Config], Config] = _as_given
     """Options that the method fixes."""
     draws_demos: Callable[[Preparation, Config], Any] = _always
-    """(preparation, config) -> [] bool, whether pinned demonstrations are drawn by priority."""
+    """(preparation, config) -> [] bool, whether pinned demonstrations are drawn by priority, if
+    config.replay.draw_demos leaves it to the method."""
     prepare: Callable[[jax.Array, Preparation, Config], Any] = _nothing
     """(key, preparation, config) -> what the method keeps during training, per seed."""
     draw: Callable[..., Draw] = replay.draw

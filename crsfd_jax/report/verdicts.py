@@ -70,6 +70,7 @@ def _lines(claim: Claim) -> list[str]:
 
 
 def _counted(claim: Claim) -> str:
-    """Such as 20 do not hold, 8 undecided, 4 hold."""
+    """Such as 20 do not hold, 8 undecided, 1 holds."""
     counts = Counter(part.verdict for part in claim.parts)
-    return ", ".join(f"{counts[v]} {words}" for v, words in _SEVERAL.items() if counts[v])
+    said = {v: v if counts[v] == 1 else words for v, words in _SEVERAL.items()}
+    return ", ".join(f"{counts[v]} {words}" for v, words in said.items() if counts[v])

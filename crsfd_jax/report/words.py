@@ -81,10 +81,10 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "sac.reward_scale": lambda scale: f"rewards times {scale:g}",
     "potential.gamma": lambda gamma: f"gamma_0 {gamma:g}",
     "potential.free_space_weight": lambda weight: f"lambda {weight:g}",
-    "potential.alone": lambda word: {
-        "yes": "demonstrations in the potential alone",
-        "no": "demonstrations in batches, too",
-        "auto": "demonstrations where usual",
+    "replay.draw_demos": lambda word: {
+        "yes": "demonstrations in batches",
+        "no": "no demonstrations in batches",
+        "auto": "demonstrations in batches as usual",
     }[word],
     "potential.terminal": lambda word: f"potential at success {word.replace('keep', 'kept')}",
     "potential.spread": lambda metres: (

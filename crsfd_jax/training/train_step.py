@@ -57,7 +57,8 @@ def make(env: Env, method: Method, config: Config) -> Learner:
         demos = preparation.demos
         if not method.uses_demos:
             demos = jax.tree.map(lambda x: x[:0], demos)
-        draws = method.draws_demos(preparation, config)
+        asked = {"yes": True, "no": False}.get(config.replay.draw_demos)
+        draws = method.draws_demos(preparation, config) if asked is None else asked
         start = env.reset(env_key, config.envs)
         # Environments begin at different ages, so that their resets do not come in waves.
         age = jax.random.randint(age_key, (config.envs,), 0, env.horizon)
