@@ -12,8 +12,10 @@ setting2_wide. Seeds with 8 mm as there; after a warm-up at random 0 to 14.
 
 from crsfd_jax.sweeps.grid import axis, grid, methods
 
-IN_PLACE = axis("--algorithm", "crsfd"), axis("--shape", "1", "2", "3", "4")
-MOVED = methods("crsfd"), axis("--shape", "2", "0")
+NEW, OLD_AND_NEW = axis("--shape", "1", "2", "3", "4"), axis("--shape", "2", "0")
+IN_PLACE = axis("--algorithm", "crsfd"), NEW
+MOVED = methods("crsfd"), OLD_AND_NEW
+SACFD = methods("sacfd"), OLD_AND_NEW
 FAR = axis("--shift", "8mm")
 ALONE, TOO = axis("--replay.draw-demos", "no"), axis("--replay.draw-demos", "yes")
 RANDOM, BY_DEMOS = axis("--sac.warmup", "random"), axis("--sac.warmup", "demos")
@@ -27,7 +29,8 @@ CELLS = (
     *grid(*MOVED, FAR, RANDOM),
     *grid(*MOVED, FAR, RANDOM, axis("--seed", "5", "10")),
     *grid(methods("crsfd"), axis("--shape", "all"), FAR, RANDOM),
-    *grid(methods("sacfd"), axis("--shape", "2", "0"), FAR, BY_DEMOS),
-    *grid(axis("--algorithm", "sacfd"), axis("--shape", "2"), ALONE),
-    *grid(methods("sacfd"), axis("--shape", "2"), FAR, ALONE),
+    *grid(*SACFD, FAR, BY_DEMOS),
+    *grid(axis("--algorithm", "sacfd"), NEW, ALONE),
+    *grid(*SACFD, FAR, ALONE),
+    *grid(*SACFD, FAR, ALONE, axis("--seed", "5", "10", "15")),
 )
