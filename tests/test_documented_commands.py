@@ -90,6 +90,7 @@ SWEEPS = (
     f"{SWEEP} setting1 --workers 2",
     f"{SWEEP} early",
     f"{SWEEP} setting1 -- --sac.reward-scale 1",
+    f"{SWEEP} setting1 -- --sac.reward-scale 1 --sac.actor-tau 1",
     "python -m crsfd_jax.report runs/setting1",
 )
 """Run on experiments of the same names whose cells are small."""
