@@ -47,7 +47,7 @@ def test_a_clip_is_a_small_film_of_the_first_seed_with_the_same_starts_each_time
     record(actors(RANDOM, EXPERT), 128)
     files = sorted((tmp_path / "clips").iterdir())
     assert [path.name for path in files] == ["128.gif", "64.gif"]
-    assert max(path.stat().st_size for path in files) < 500_000
+    assert max(path.stat().st_size for path in files) < 400_000
     random, expert = map(pictures, files)
     assert len(expert) < len(random) == clips.EPISODES * OPTIONS.mdp.horizon
     assert expert.shape[1:] == random.shape[1:] == (180, 240, 3)

@@ -40,8 +40,8 @@ def test_the_shipped_demonstrations_replay_to_the_same_ends(shipped, played):
     np.testing.assert_array_equal(played.success, played.recorded_success)
     np.testing.assert_array_equal(played.recorded_success, dataset.episode_success(shipped))
     assert played.recorded_success.mean() >= 0.5 and len(played.success) == 40
-    # Other processors round differently, and a sliding contact lets that grow in one or two.
-    assert np.median(played.deviation) < 1e-4 and np.quantile(played.deviation, 0.95) < 2e-3
+    # Other instruction sets round differently, and a sliding contact lets that grow.
+    assert np.median(played.deviation) < 1e-4 and played.deviation.max() < 2e-3
 
 
 def test_an_episode_replays_alone_as_among_others(few, played):
@@ -75,8 +75,8 @@ def test_what_the_arm_does_after_an_episode_does_not_count(shipped, played):
     cut = {name: getattr(shipped, name)[kept] for name in names}
     length = shipped.episode_length - np.int32(1)
     early = replay.replay(dataclasses.replace(shipped, **cut, episode_length=length), "native")
-    assert early.success.sum() <= 1 and not early.recorded_success.any()
-    assert np.mean(early.deviation <= played.deviation + 1e-4) > 0.95
+    assert not early.success.any() and not early.recorded_success.any()
+    assert (early.deviation <= played.deviation + 1e-4).all()
 
 
 def test_another_action_scale_is_refused(few):
