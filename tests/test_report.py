@@ -471,7 +471,7 @@ def test_being_no_worse_is_judged_by_the_margin_on_one_side(tmp_path, top, verdi
 def test_the_claims_are_listed_in_a_file_of_their_own():
     no, yes = evidence.Part(FAILS, "0.1 [0.0, 0.2]"), evidence.Part(HOLDS, "0.3 [0.2, 0.4]")
     found = [evidence.claim("It is so", [yes, no]), evidence.claim("Too", [yes])]
-    text = verdicts.markdown(found, ["3 runs"])
+    text = verdicts.document(found, ["3 runs"])
     assert "| does not hold | It is so | 1 does not hold, 1 holds |" in text
     assert text.index("- does not hold: 0.1 [0.0, 0.2]") < text.index("- holds: 0.3 [0.2, 0.4]")
     assert text.index("- 3 runs") < text.index("It is so") < text.index(evidence.RULES[0])

@@ -71,7 +71,7 @@ def ahead(book: Book, tasks: Sequence[Task], ours: str, theirs: str, what: str) 
     each = _scores(book, tasks, ours, theirs)
     if isinstance(each, str):
         return Part(OPEN, f"{subject}: {each}")
-    found = _difference(each, what)
+    found = summary.difference(each, what)
     verdict = HOLDS if found.low > 0 else FAILS if found.high < MARGIN else OPEN
     alike = ", alike" * (verdict == FAILS and found.low > -MARGIN)
     more = f"{alike}{_while_exploring(each) if what == 'area' else ''}"
@@ -165,18 +165,13 @@ def _minus(
     each = _scores(book, [task], ours, theirs)
     if isinstance(each, str):
         return Part(OPEN, f"{subject}: {each}")
-    found = _difference(each, what)
+    found = summary.difference(each, what)
     return Part(judge(found), f"{subject} {show(found, '+.3f')}, {_steps(each)}")
-
-
-def _difference(each: Sequence[summary.Scores], what: str) -> Estimate:
-    gaps = [getattr(task, f"{what}_gap") for task in each]
-    return statistics.mean_interval(gaps, [task.seeds for task in each])
 
 
 def _while_exploring(each: Sequence[summary.Scores]) -> str:
     """The difference by the episodes of training in words, if all have some; it decides nothing."""
-    found = _difference(each, "exploring")
+    found = summary.difference(each, "exploring")
     return f", while exploring {show(found, '+.3f')}" if np.isfinite(found.value) else ""
 
 

@@ -15,6 +15,7 @@ from crsfd_jax.report import (
     html,
     layout,
     leads,
+    numbers,
     runs,
     tables,
     trial_sections,
@@ -115,7 +116,8 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
         text = html.page(_TITLE, [part for part in body if part])
         write_text(folder / FILE, text)
         made_of = tables.made_of(report.cells)
-        write_text(folder / verdicts.FILE, verdicts.markdown(report.claims, made_of))
+        write_text(folder / verdicts.FILE, verdicts.document(report.claims, made_of))
+        write_text(folder / numbers.FILE, numbers.document(report.cells, report.trials))
     return folder / FILE
 
 

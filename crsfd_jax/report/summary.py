@@ -116,20 +116,28 @@ def scores(ours: Cell, theirs: Cell) -> Scores | None:
     )
 
 
+def difference(tasks: Sequence[Scores], what: str) -> Estimate:
+    """Mean over tasks of the first minus the second; NaN if a seed has no such score.
+
+    Args:
+      what: final, area or exploring.
+    """
+    gaps = [getattr(task, f"{what}_gap") for task in tasks]
+    return statistics.mean_interval(gaps, [task.seeds for task in tasks])
+
+
 def compare(pairs: Sequence[tuple[Cell, Cell]]) -> Comparison | None:
     """A method against another, on one or more tasks; None if no task has steps in common."""
     each = [task for task in (scores(ours, theirs) for ours, theirs in pairs) if task]
     if not each:
         return None
-    seeds = [task.seeds for task in each]
-    exploring = [task.exploring_gap for task in each]
-    explored = all(np.isfinite(gap).all() for gap in exploring)
+    exploring = difference(each, "exploring")
     return Comparison(
         tasks=len(each),
         steps=tuple(task.steps for task in each),
-        final=statistics.mean_interval([task.final_gap for task in each], seeds),
-        area=statistics.mean_interval([task.area_gap for task in each], seeds),
-        exploring=statistics.mean_interval(exploring, seeds) if explored else None,
+        final=difference(each, "final"),
+        area=difference(each, "area"),
+        exploring=exploring if np.isfinite(exploring.value) else None,
         middle=(
             statistics.interquartile_interval([task.area[0] for task in each]),
             statistics.interquartile_interval([task.area[1] for task in each]),

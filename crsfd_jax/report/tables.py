@@ -2,8 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 from crsfd_jax.report import paper, trials
 from crsfd_jax.report.cells import Cell, unusual_options
@@ -61,9 +61,9 @@ def comparisons(cells: Sequence[Cell], ours: str) -> tuple[Table, Table]:
 
 
 def transfers(found: Sequence[Trials]) -> Table:
-    """Held-out trials of each shape beside the paper's on the real arm."""
+    """Held-out trials of each shape beside the paper's on the real arm, and of all shapes."""
     rows = []
-    for each in found:
+    for each in _with_sums(found, lambda trials: trials.label):
         known = each.shape in paper.SUCCESS
         theirs = f"{paper.SUCCESS[each.shape]:.2f}" if known else ""
         rows.append((each.label, each.shape, *_rate(each), theirs))
@@ -73,12 +73,20 @@ def transfers(found: Sequence[Trials]) -> Table:
 
 def own_trials(found: Sequence[Trials]) -> Table:
     """Trials on each shape of the task of training, and on all of them where they are several."""
-    rows = []
-    for _, group in itertools.groupby(found, lambda t: id(t.cell)):
-        shapes = list(group)
-        for each in [*shapes, trials.together(shapes)] if len(shapes) > 1 else shapes:
-            rows.append((name(each.cell), str(each.cell.task), each.shape, *_rate(each)))
+    rows = [
+        (name(each.cell), str(each.cell.task), each.shape, *_rate(each))
+        for each in _with_sums(found, lambda trials: id(trials.cell))
+    ]
     return Table(("method", "trained on", "shape", "success, 95 % interval", "trials"), rows, 3)
+
+
+def _with_sums(found: Sequence[Trials], kind: Callable[[Trials], Any]) -> Iterator[Trials]:
+    """Trials, and behind several of a kind, which lie together, those of all."""
+    for _, group in itertools.groupby(found, kind):
+        several = list(group)
+        yield from several
+        if len(several) > 1:
+            yield trials.together(several)
 
 
 def _rate(each: Trials) -> tuple[str, str]:

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from crsfd_jax.report import html, tables, transfer, trials
-from crsfd_jax.report.evidence import show
+from crsfd_jax.report import html, tables, transfer
 from crsfd_jax.report.trials import Trials
 
 
@@ -15,16 +14,8 @@ def held_out(found: Sequence[Trials], folder: Path) -> str:
     path = folder / "transfer.png"
     transfer.draw(found, path)
     text = "Success rate under a randomisation that training never saw, 95 % interval."
-    labels: dict[str, list[Trials]] = {}
-    for each in found:
-        labels.setdefault(each.label, []).append(each)
-    means = [
-        f"{label}: {show(trials.together(each).rate)} over {len(each)} shapes"
-        for label, each in labels.items()
-    ]
     shown = html.table(*tables.transfers(found))
-    said = html.paragraph("; ".join(means) + ".")
-    return html.section("Held-out randomisation", said, html.media(path, text), shown)
+    return html.section("Held-out randomisation", html.media(path, text), shown)
 
 
 def own(found: Sequence[Trials]) -> str:

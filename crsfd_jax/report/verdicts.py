@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from crsfd_jax.report import html
+from crsfd_jax.report import html, markdown
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, RULES, Claim
 
 FILE = "claims.md"
@@ -29,27 +29,22 @@ def section(claims: Sequence[Claim]) -> str:
     )
 
 
-def markdown(claims: Sequence[Claim], made_of: Sequence[str]) -> str:
+def document(claims: Sequence[Claim], made_of: Sequence[str]) -> str:
     """A document with a row for each claim, how verdicts are made, and every comparison.
 
     Args:
       made_of: lines that say what runs are behind it.
     """
-    rows = [f"| {c.verdict} | {c.statement} | {_counted(c)} |" for c in claims]
-    rules = ["", "## How the verdicts are made", "", *(f"- {rule}" for rule in RULES)]
-    each = []
-    for claim in claims:
-        bullets = (f"- {line}" for line in _lines(claim))
-        each += ["", f"## {claim.statement}", "", f"**{claim.verdict}**", "", *bullets]
-    top = [
-        "# Claims of the paper",
-        "",
-        *(f"- {line}" for line in made_of),
-        "",
-        "| verdict | claim | comparisons |",
-        "|---|---|---|",
-    ]
-    return "\n".join([*top, *rows, *rules, *each]) + "\n"
+    rows = [(claim.verdict, claim.statement, _counted(claim)) for claim in claims]
+    parts = [("How the verdicts are made", "", RULES)]
+    parts += [(c.statement, f"**{c.verdict}**", _lines(c)) for c in claims]
+    below = ((f"## {title}", said, markdown.bullets(lines)) for title, said, lines in parts)
+    return markdown.document(
+        "Claims of the paper",
+        markdown.bullets(made_of),
+        markdown.table(("verdict", "claim", "comparisons"), rows),
+        *(text for texts in below for text in texts if text),
+    )
 
 
 def _folded(claim: Claim) -> str:

@@ -1,0 +1,100 @@
+"""Every two cells of a task that can be set beside each other.
+
+Two methods with the same options, and one method with its usual options and with others. Where they
+meet on several shapes with the same shift, the mean over the shapes stands below.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from crsfd_jax.options import shapes
+from crsfd_jax.report import summary, tables
+from crsfd_jax.report.cells import Cell, Task
+from crsfd_jax.report.evidence import show
+from crsfd_jax.report.methods import rank
+from crsfd_jax.report.summary import LEVEL, Scores
+from crsfd_jax.report.tables import Table
+from crsfd_jax.report.words import by_size
+
+OURS, PLAIN = "crsfd", "sacfd"
+_SIDE = f"final, at {LEVEL:g}, area"
+_HEAD = ("shape", "first", "second", "seeds", f"first: {_SIDE}", f"second: {_SIDE}")
+_HEAD += ("difference of area", "exploring", "final")
+
+
+def find(cells: Sequence[Cell]) -> list[tuple[str, Table]]:
+    """A title and a table for each shift and number of steps."""
+    groups: dict[tuple[int, float], dict[tuple, list[tuple[Cell, Cell]]]] = {}
+    for ours, theirs in sorted(_pairs(cells), key=_order):
+        meeting = ours.method, ours.variant, theirs.method, theirs.variant, _several(ours)
+        group = groups.setdefault((ours.planned_steps, ours.task.shift_mm), {})
+        group.setdefault(meeting, []).append((ours, theirs))
+    found = []
+    for (steps, shift), meetings in sorted(groups.items()):
+        where = f"Shift {shift:g} mm" if shift else "No shift"
+        rows = [row for pairs in meetings.values() for row in _rows(pairs)]
+        found.append((f"{where}, {steps / 1000:g}k steps", Table(_HEAD, rows, 3)))
+    return found
+
+
+def _pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
+    """Finished cells of a task and number of steps, two at a time."""
+    finished = [cell for cell in cells if cell.finished]
+    still = [cell for cell in finished if not cell.interacts]
+    places: dict[tuple[Task, int], list[Cell]] = {}
+    for cell in finished:
+        if cell.interacts:
+            places.setdefault((cell.task, cell.planned_steps), []).append(cell)
+    for (task, _), acting in places.items():
+        yield from _beside([*acting, *(cell for cell in still if cell.task == task)])
+
+
+def _beside(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
+    """CRSfD and each method; what has no rival of its kind meets the usual CRSfD or SACfD."""
+    ours = {cell.variant: cell for cell in cells if cell.method == OURS}
+    plain = {cell.variant for cell in cells if cell.method == PLAIN}
+    usual = {cell.method: cell for cell in cells if not cell.variant}
+    for cell in cells:
+        if cell.method != OURS and (first := ours.get(cell.variant, usual.get(OURS))):
+            yield first, cell
+        if cell.method == OURS and cell.variant not in plain and PLAIN in usual:
+            yield cell, usual[PLAIN]
+        if cell.variant and cell.method in usual:
+            yield cell, usual[cell.method]
+
+
+def _order(pair: tuple[Cell, Cell]) -> tuple:
+    words = (w for c in pair for w in (c.method != OURS, rank(c.method), by_size(c.variant)))
+    return (*words, pair[0].task)
+
+
+def _rows(pairs: Sequence[tuple[Cell, Cell]]) -> Iterator[tuple[str, ...]]:
+    names = tuple(map(tables.name, pairs[0]))
+    compared = [(pair, each) for pair in pairs if (each := summary.scores(*pair))]
+    for pair, each in compared:
+        seeds = str(len(each.seeds))
+        sides = (_side(each, i, cell) for i, cell in enumerate(pair))
+        yield pair[0].task.shape, *names, seeds, *sides, *_gaps([each])
+    if len(compared) > 1:
+        yield f"these {len(compared)}", *names, "", "", "", *_gaps([each for _, each in compared])
+
+
+def _side(each: Scores, side: int, cell: Cell) -> str:
+    """Such as 0.993, 133k, 0.808."""
+    final, steps = f"{each.final[side].mean():.3f}", each.learned[side]
+    if not cell.interacts:
+        return f"{final}, no steps"
+    at = f"{steps / 1000:.0f}k" if np.isfinite(steps) else "not reached"
+    return f"{final}, {at}, {each.area[side].mean():.3f}"
+
+
+def _gaps(found: Sequence[Scores]) -> Iterator[str]:
+    for what in ("area", "exploring", "final"):
+        estimate = summary.difference(found, what)
+        yield show(estimate, "+.3f") if np.isfinite(estimate.value) else "-"
+
+
+def _several(cell: Cell) -> bool:
+    """Whether one policy is for several shapes."""
+    return len(shapes.read(cell.runs[0].manifest.config.shape)) > 1

@@ -1,0 +1,51 @@
+"""The numbers of the documents are those that the report makes of the committed curves."""
+
+import re
+
+import pytest
+from test_docs import PAGES, ROOT
+
+from crsfd_jax.report import numbers, page, tables, verdicts
+
+RESULTS = ROOT / "docs" / "results"
+FROM = {
+    RESULTS: "results",
+    RESULTS / "newest_actor": "results_newest_actor",
+    RESULTS / "scale1": "results_scale1",
+}
+NUMBER = r"([+-]?\d(?:\.\d+)?)"
+MADE = re.compile(rf"{NUMBER} \[{NUMBER}, {NUMBER}\]")
+QUOTED = re.compile(rf"{NUMBER} \({NUMBER} to {NUMBER}\)")
+ROW = re.compile(r"(?<!and )\d\.\d{3}, (?:\d+k|not reached), \d\.\d{3}")
+"""Final success, steps to 0.9, area."""
+OF_SOME_SEEDS = {(0.111, 0.061, 0.162), (0.114, 0.075, 0.153)}
+"""Leads on seeds by which nothing was chosen: of a report of their files alone."""
+
+
+def values(match: re.Match) -> tuple[float, ...]:
+    return tuple(map(float, match.groups()))
+
+
+@pytest.mark.parametrize("folder", FROM, ids=lambda folder: folder.name)
+def test_committed_numbers_are_those_of_the_committed_curves(folder):
+    report = page.collect([str(ROOT / "experiments" / FROM[folder])])
+    made = numbers.document(report.cells, report.trials)
+    assert (folder / numbers.FILE).read_text() == made
+    claims = folder / verdicts.FILE
+    if claims.exists():
+        made = verdicts.document(report.claims, tables.made_of(report.cells))
+        assert claims.read_text() == made
+
+
+def test_what_the_documents_quote_is_there():
+    texts = [path.read_text() for path in RESULTS.rglob("*.md")]
+    rows = {row for text in texts for row in ROW.findall(text)}
+    said = [(path.name, row) for path in PAGES for row in ROW.findall(path.read_text())]
+    assert len(said) > 100
+    assert not [(name, row) for name, row in said if row not in rows]
+    made = {values(m) for text in texts for m in MADE.finditer(text)}
+    # The other way round, a lead is what a method is behind.
+    made |= {(-value, -high, -low) for value, low, high in made} | OF_SOME_SEEDS
+    quoted = [(path.name, m) for path in PAGES for m in QUOTED.finditer(path.read_text())]
+    assert len(quoted) > 150
+    assert not [(name, m[0]) for name, m in quoted if values(m) not in made]
