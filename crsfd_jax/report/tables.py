@@ -63,7 +63,7 @@ def comparisons(cells: Sequence[Cell], ours: str) -> tuple[Table, Table]:
 def transfers(found: Sequence[Trials]) -> Table:
     """Held-out trials of each shape beside the paper's on the real arm, and of all shapes."""
     rows = []
-    for each in _with_sums(found, lambda trials: trials.label):
+    for each in _with_sums(found, lambda each: each.label):
         known = each.shape in paper.SUCCESS
         theirs = f"{paper.SUCCESS[each.shape]:.2f}" if known else ""
         rows.append((each.label, each.shape, *_rate(each), theirs))
@@ -75,7 +75,7 @@ def own_trials(found: Sequence[Trials]) -> Table:
     """Trials on each shape of the task of training, and on all of them where they are several."""
     rows = [
         (name(each.cell), str(each.cell.task), each.shape, *_rate(each))
-        for each in _with_sums(found, lambda trials: id(trials.cell))
+        for each in _with_sums(found, lambda each: id(each.cell))
     ]
     return Table(("method", "trained on", "shape", "success, 95 % interval", "trials"), rows, 3)
 
