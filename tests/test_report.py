@@ -329,10 +329,25 @@ def test_leads_are_those_of_equal_steps_and_variant_variants_last(tmp_path, monk
     assert [text.get_text() for text in axes.get_yticklabels()] == [lead.label for lead in found]
 
 
+def test_leads_name_the_options_that_only_one_of_the_two_has(tmp_path):
+    make_run(tmp_path / "a", "crsfd")
+    make_run(tmp_path / "b", "sacfd")
+    make_run(tmp_path / "c", "crsfd", potential=Potential(gamma=0.9))
+    make_run(tmp_path / "d", "sacfd", values=rising(0), replay=Replay(draw_demos="no"))
+    found = {lead.label: lead.area.value for lead in leads.find(cells_of(tmp_path))}
+    assert set(found) == {
+        "shape 2, no shift, 1k steps",
+        "shape 2, no shift, CRSfD: gamma_0 0.9, 1k steps",
+        "shape 2, no shift, SACfD: no demonstrations in batches, 1k steps",
+    }
+    early = found["shape 2, no shift, SACfD: no demonstrations in batches, 1k steps"]
+    assert early == pytest.approx(-0.2, abs=0.01)
+
+
 def test_figures_are_laid_out_as_in_the_paper(tmp_path):
     paper_like(tmp_path)
     drawn = {figure.name: figure for figure in layout.figures(cells_of(tmp_path))}
-    assert list(drawn) == ["setting1", "setting2", "ablation", "tasks_1k"]
+    assert list(drawn) == ["setting1", "setting2", "setting2_wide", "ablation"]
     titles = [panel.title for panel in drawn["setting1"].panels]
     assert titles == [f"shape {shape}, no shift" for shape in "1234"]
     assert all(len(panel.cells) == 9 for panel in drawn["setting1"].panels)
@@ -341,17 +356,19 @@ def test_figures_are_laid_out_as_in_the_paper(tmp_path):
         "shape 2, shift 8 mm",
         "shape 0, shift 4 mm",
     ]
+    (wide,) = drawn["setting2_wide"].panels
+    assert wide.title == "shape 2, shift 8 mm" and len(wide.cells) == 9
     assert [len(panel.cells) for panel in drawn["ablation"].panels] == [3, 3, 3, 3]
 
 
 def test_runs_that_fit_no_figure_of_the_paper_get_a_panel_for_each_task(tmp_path):
-    make_run(tmp_path / "a", "crsfd", "2", 8)
-    make_run(tmp_path / "b", "sac", "2", 8)
-    make_run(tmp_path / "c", "crsfd", "4", 1)
+    make_run(tmp_path / "a", "crsfd", "2", 1)
+    make_run(tmp_path / "b", "sac", "2", 1)
+    make_run(tmp_path / "c", "crsfd", "all", 1)
     (figure,) = layout.figures(cells_of(tmp_path))
     assert [(panel.title, len(panel.cells)) for panel in figure.panels] == [
-        ("shape 2, shift 8 mm", 2),
-        ("shape 4, shift 1 mm", 1),
+        ("shape 2, shift 1 mm", 2),
+        ("all shapes, shift 1 mm", 1),
     ]
 
 

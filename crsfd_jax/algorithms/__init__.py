@@ -1,6 +1,8 @@
 """The learning methods: a file each, found by its name."""
 
 import importlib
+from collections.abc import Iterator
+from typing import Any
 
 from crsfd_jax.algorithms.method import Method
 from crsfd_jax.config import Config, to_dict
@@ -20,26 +22,23 @@ def refuse_replaced(config: Config) -> None:
     Raises:
       UserError: there is one.
     """
-    method = load(config.algorithm)
+    for name, value, instead in _replaced(load(config.algorithm), config):
+        raise UserError(
+            f"--{name.replace('_', '-')}: got {value}, but {config.algorithm} {instead}; leave it "
+            "out or choose another --algorithm"
+        )
+
+
+def _replaced(method: Method, config: Config) -> Iterator[tuple[str, Any, str]]:
+    """Options whose value is not used, the value, and what is so instead."""
     if config.sac.warmup == "demos" and not (method.uses_demos and method.interacts):
-        raise UserError(
-            f"--sac.warmup: got demos, but {config.algorithm} has none to imitate; leave it out or "
-            "choose another --algorithm"
-        )
-    if config.replay.draw_demos != "auto" and not (
-        method.uses_demos and method.draw is replay.draw
-    ):
-        raise UserError(
-            f"--replay.draw-demos: got {config.replay.draw_demos}, but {config.algorithm} does not "
-            "draw by priority; leave it out or choose another --algorithm"
-        )
+        yield "sac.warmup", "demos", "has none to imitate"
+    by_priority = method.uses_demos and method.draw is replay.draw
+    if config.replay.draw_demos != "auto" and not by_priority:
+        yield "replay.draw_demos", config.replay.draw_demos, "does not draw by priority"
     usual, given, used = (
         by_full_name(to_dict(each)) for each in (Config(), config, method.configure(config))
     )
     for name, value in given.items():
         if value not in (usual[name], used[name]):
-            option = f"--{name.replace('_', '-')}"
-            raise UserError(
-                f"{option}: got {value}, but {config.algorithm} always has {used[name]}; leave it "
-                "out or choose another --algorithm"
-            )
+            yield name, value, f"always has {used[name]}"

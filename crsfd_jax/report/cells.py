@@ -32,7 +32,8 @@ class Task(NamedTuple):
 
     def __str__(self) -> str:
         shift = f"shift {self.shift_mm:g} mm" if self.shift_mm else "no shift"
-        return f"shape {self.shape}, {shift}"
+        shape = "all shapes" if self.shape == shapes.ALL else f"shape {self.shape}"
+        return f"{shape}, {shift}"
 
 
 def task_of(config: Config) -> Task:

@@ -1,7 +1,6 @@
-"""Every two cells of a task that can be set beside each other.
+"""Every two cells that can be set beside each other, and by how much they differ.
 
-Two methods with the same options, and one method with its usual options and with others. Where they
-meet on several shapes with the same shift, the mean over the shapes stands below.
+Where two methods meet on several shapes with the same shift, the mean over the shapes stands below.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,14 +9,14 @@ import numpy as np
 
 from crsfd_jax.options import shapes
 from crsfd_jax.report import summary, tables
-from crsfd_jax.report.cells import Cell, Task
+from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import show
 from crsfd_jax.report.methods import rank
+from crsfd_jax.report.pairing import OURS, meetings
 from crsfd_jax.report.summary import LEVEL, Scores
 from crsfd_jax.report.tables import Table
 from crsfd_jax.report.words import by_size
 
-OURS, PLAIN = "crsfd", "sacfd"
 _SIDE = f"final, at {LEVEL:g}, area"
 _HEAD = ("shape", "first", "second", "seeds", f"first: {_SIDE}", f"second: {_SIDE}")
 _HEAD += ("difference of area", "exploring", "final")
@@ -26,42 +25,16 @@ _HEAD += ("difference of area", "exploring", "final")
 def find(cells: Sequence[Cell]) -> list[tuple[str, Table]]:
     """A title and a table for each shift and number of steps."""
     groups: dict[tuple[int, float], dict[tuple, list[tuple[Cell, Cell]]]] = {}
-    for ours, theirs in sorted(_pairs(cells), key=_order):
+    for ours, theirs in sorted(meetings(cells), key=_order):
         meeting = ours.method, ours.variant, theirs.method, theirs.variant, _several(ours)
         group = groups.setdefault((ours.planned_steps, ours.task.shift_mm), {})
         group.setdefault(meeting, []).append((ours, theirs))
     found = []
-    for (steps, shift), meetings in sorted(groups.items()):
+    for (steps, shift), group in sorted(groups.items()):
         where = f"Shift {shift:g} mm" if shift else "No shift"
-        rows = [row for pairs in meetings.values() for row in _rows(pairs)]
+        rows = [row for pairs in group.values() for row in _rows(pairs)]
         found.append((f"{where}, {steps / 1000:g}k steps", Table(_HEAD, rows, 3)))
     return found
-
-
-def _pairs(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
-    """Finished cells of a task and number of steps, two at a time."""
-    finished = [cell for cell in cells if cell.finished]
-    still = [cell for cell in finished if not cell.interacts]
-    places: dict[tuple[Task, int], list[Cell]] = {}
-    for cell in finished:
-        if cell.interacts:
-            places.setdefault((cell.task, cell.planned_steps), []).append(cell)
-    for (task, _), acting in places.items():
-        yield from _beside([*acting, *(cell for cell in still if cell.task == task)])
-
-
-def _beside(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
-    """CRSfD and each method; what has no rival of its kind meets the usual CRSfD or SACfD."""
-    ours = {cell.variant: cell for cell in cells if cell.method == OURS}
-    plain = {cell.variant for cell in cells if cell.method == PLAIN}
-    usual = {cell.method: cell for cell in cells if not cell.variant}
-    for cell in cells:
-        if cell.method != OURS and (first := ours.get(cell.variant, usual.get(OURS))):
-            yield first, cell
-        if cell.method == OURS and cell.variant not in plain and PLAIN in usual:
-            yield cell, usual[PLAIN]
-        if cell.variant and cell.method in usual:
-            yield cell, usual[cell.method]
 
 
 def _order(pair: tuple[Cell, Cell]) -> tuple:

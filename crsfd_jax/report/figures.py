@@ -12,7 +12,7 @@ from crsfd_jax.curve import Curve
 from crsfd_jax.drawing.axes import band, clean
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.layout import Figure
-from crsfd_jax.report.methods import Style, rank, style
+from crsfd_jax.report.methods import WITHOUT_INTERACTION, Style, rank, style
 from crsfd_jax.storage.files import write_atomically
 
 DPI = 192
@@ -28,7 +28,8 @@ def draw(figure: Figure, path: Path) -> None:
     longest = max(len(look.label) for look in looks.values())
     # Few panels leave no room below them for a legend of many entries.
     beside = 0.7 + 0.08 * longest if figure.columns < 3 else 0
-    size = (3.3 * figure.columns + 0.5 + beside, 2.6 * rows + (0.5 if beside else 0.9))
+    width, height = (4.6, 3.6) if len(figure.panels) == 1 else (3.3, 2.6)
+    size = (width * figure.columns + 0.5 + beside, height * rows + (0.5 if beside else 0.9))
     canvas = matplotlib.figure.Figure(size, layout="constrained")
     grid = canvas.subplots(rows, figure.columns, sharex=True, sharey=True, squeeze=False)
     for axes, panel in zip(grid.flat, figure.panels, strict=False):
@@ -63,7 +64,9 @@ def _looks(figure: Figure) -> dict[tuple[str, str], Style]:
     for method, variant in sorted(found, key=lambda key: (rank(key[0]), key[1])):
         number = variants[method] = variants.get(method, -1) + 1 if variant else 0
         look = style(method, number)
-        looks[method, variant] = look._replace(label=", ".join(filter(None, (look.label, variant))))
+        still = "no steps" * (method in WITHOUT_INTERACTION)
+        words = ", ".join(filter(None, (look.label, still, variant)))
+        looks[method, variant] = look._replace(label=words)
     return looks
 
 

@@ -40,9 +40,12 @@ def figures(cells: Sequence[Cell]) -> list[Figure]:
     usual = [cell for cell in cells if not cell.variant]
     trained = [cell for cell in usual if cell.method not in ARMS]
     pair = [cell for cell in trained if cell.method in ("crsfd", "sacfd")]
+    others = {cell.task for cell in trained if cell.method not in ("crsfd", "sacfd")}
+    wide = [task for task in SETTING2 if task in others]
     made = [
         _grid("setting1", "New shapes, socket where it was", 2, SETTING1, trained),
         _grid("setting2", "Shapes and shifts, CRSfD and the best baseline", 3, SETTING2, pair),
+        _grid("setting2_wide", "All methods, the socket moved", len(wide), wide, trained),
         _ablation(usual),
     ]
     made = [figure for figure in made if figure]
@@ -53,9 +56,9 @@ def figures(cells: Sequence[Cell]) -> list[Figure]:
 def _grid(
     name: str, caption: str, columns: int, tasks: Sequence[Task], cells: Sequence[Cell]
 ) -> Figure | None:
-    """A figure of the paper, if half of its panels have runs."""
+    """A figure of the paper, if it has panels and half of them have runs."""
     panels = [Panel(str(task), tuple(c for c in cells if c.task == task)) for task in tasks]
-    if 2 * sum(bool(panel.cells) for panel in panels) < len(panels):
+    if not panels or 2 * sum(bool(panel.cells) for panel in panels) < len(panels):
         return None
     return Figure(name, caption, columns, tuple(panels))
 

@@ -12,11 +12,11 @@ from crsfd_jax.drawing.axes import clean
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.figures import save
 from crsfd_jax.report.methods import style
+from crsfd_jax.report.pairing import OURS, PLAIN, meetings
 from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.report.summary import compare
 from crsfd_jax.report.words import by_size
 
-OURS, THEIRS = "crsfd", "sacfd"
 CAPTION = (
     "How far CRSfD is ahead of SACfD, 95 % interval, wherever both were given as many steps. "
     "Hollow: by the episodes of training, in which the policy explores."
@@ -40,16 +40,14 @@ def find(cells: Sequence[Cell]) -> list[Lead]:
 
     Cells without a step at which both were evaluated are left out.
     """
-    theirs = {_place(cell): cell for cell in cells if cell.method == THEIRS}
     found = []
-    for cell in cells:
-        rival = theirs.get(_place(cell)) if cell.method == OURS else None
-        compared = compare([(cell, rival)]) if rival else None
+    for ours, theirs in meetings(cells):
+        compared = (ours.method, theirs.method) == (OURS, PLAIN) and compare([(ours, theirs)])
         if compared:
-            steps = f"{cell.planned_steps / 1000:g}k steps"
-            words = filter(None, (str(cell.task), cell.variant, steps))
-            order = cell.planned_steps, by_size(cell.variant), cell.task
-            found.append((order, Lead(", ".join(words), compared.area, compared.exploring)))
+            steps, options = f"{ours.planned_steps / 1000:g}k steps", _options(ours, theirs)
+            label = ", ".join(filter(None, (str(ours.task), options, steps)))
+            order = ours.planned_steps, by_size(options), ours.task
+            found.append((order, Lead(label, compared.area, compared.exploring)))
     return [lead for _, lead in sorted(found, key=lambda each: each[0])]
 
 
@@ -67,10 +65,10 @@ def draw(found: Sequence[Lead], path: Path) -> None:
     _mark(axes, areas, 0.0, look.colour, label="evaluations")
     label = "episodes of training, exploring"
     _mark(axes, exploring, _BELOW, look.colour, mfc="white", alpha=0.6, label=label)
-    axes.axvline(0, color=style(THEIRS).colour, linewidth=1.4)
+    axes.axvline(0, color=style(PLAIN).colour, linewidth=1.4)
     axes.set_yticks(range(len(found)), [lead.label for lead in found])
     axes.set_ylim(len(found) - 0.5, -0.5)
-    axes.set_xlabel(f"area under the curve, {look.label} minus {style(THEIRS).label}", fontsize=10)
+    axes.set_xlabel(f"area under the curve, {look.label} minus {style(PLAIN).label}", fontsize=10)
     canvas.legend(loc="outside upper right", frameon=False, fontsize=10, ncols=2)
     save(canvas, path)
 
@@ -82,5 +80,9 @@ def _mark(axes: Axes, leads: Sequence[Estimate | None], below: float, colour: st
     axes.errorbar(value, down, xerr=off, fmt="o", color=colour, capsize=2, **look)
 
 
-def _place(cell: Cell) -> tuple:
-    return cell.task, cell.variant, cell.planned_steps
+def _options(ours: Cell, theirs: Cell) -> str:
+    """Unusual options that both have, or that one has."""
+    if ours.variant == theirs.variant:
+        return ours.variant
+    alone = ours if ours.variant else theirs
+    return f"{style(alone.method).label}: {alone.variant}"

@@ -14,7 +14,7 @@ _WORDS = (
     f"at {LEVEL:g}: steps at the first of three evaluations in a row at which the mean over the "
     f"seeds is {LEVEL:g} or more",
     "area: under the curve of success, over the steps",
-    "exploring: the same of the episodes of training, in which the policy is sampled",
+    "exploring: the same of the episodes of training, warm-up included",
     "differences: first minus second, with the 95 % interval, Student's t over the seeds that both "
     "have; positive where the first is ahead",
 )

@@ -4,12 +4,13 @@ Cells come as they are gathered: of a method and variant on a task, the longest 
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from crsfd_jax.report.cells import Cell, Task
 
+OURS, PLAIN = "crsfd", "sacfd"
 Book = dict[tuple[str, Task], list[Cell]]
 Rivals = dict[str, list[tuple[Cell, Cell]]]
 """By method: one of our cells and one of its, on each task that both have."""
@@ -50,6 +51,22 @@ def rivals(cells: Sequence[Cell], ours: str) -> Rivals:
     return found
 
 
+def meetings(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
+    """Finished cells of a task and number of steps, two at a time.
+
+    CRSfD and each method with the same options, and each method with its usual options and with
+    others. What has no rival of its kind meets the usual CRSfD or SACfD.
+    """
+    finished = [cell for cell in cells if cell.finished]
+    still = [cell for cell in finished if not cell.interacts]
+    places: dict[tuple[Task, int], list[Cell]] = {}
+    for cell in finished:
+        if cell.interacts:
+            places.setdefault((cell.task, cell.planned_steps), []).append(cell)
+    for (task, _), acting in places.items():
+        yield from _beside([*acting, *(cell for cell in still if cell.task == task)])
+
+
 def common_steps(ours: Cell, theirs: Cell) -> np.ndarray:
     """[T] environment steps at which all seeds of both were evaluated.
 
@@ -61,3 +78,16 @@ def common_steps(ours: Cell, theirs: Cell) -> np.ndarray:
 
 def _evaluated(cell: Cell) -> set[int]:
     return set(cell.curve.env_steps[np.isfinite(cell.curve.values).all(axis=1)].tolist())
+
+
+def _beside(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
+    ours = {cell.variant: cell for cell in cells if cell.method == OURS}
+    plain = {cell.variant for cell in cells if cell.method == PLAIN}
+    usual = {cell.method: cell for cell in cells if not cell.variant}
+    for cell in cells:
+        if cell.method != OURS and (first := ours.get(cell.variant, usual.get(OURS))):
+            yield first, cell
+        if cell.method == OURS and cell.variant not in plain and PLAIN in usual:
+            yield cell, usual[PLAIN]
+        if cell.variant and cell.method in usual:
+            yield cell, usual[cell.method]

@@ -3,7 +3,8 @@
 With demonstrations in the batches a success is known from the first update. Without them a run
 has to meet one: after a warm-up at random most runs with a hole up to 4 mm off needed 20,000 to
 80,000 steps for that, and one of thirty met none in 300,000. The action that was demonstrated at
-the nearest tip pose, with noise, inserts every fourth peg there (docs/when_shaping_helps.md).
+the nearest tip pose, with noise, inserts three of ten pegs there in whole episodes
+(docs/when_shaping_helps.md).
 """
 
 from typing import Literal
