@@ -6,7 +6,7 @@ worth, since they lack the search. That was found on shape 2 with 8 mm, and is t
 the hole may have moved; here is the other choice for each task. Where demonstrations are not in the
 batches a run's warm-up imitates them, and finds its first holes so: here is what happens if it does
 not, and whether it does as much for SACfD, with demonstrations in its batches and without, which is
-CRSfD without its potential. Two more: a potential that is zero at success, so that it does not add
+CRSfD without its potential, and for GAIL, GAIfO and POfD, whose batches hold none. Two more: a potential that is zero at success, so that it does not add
 to what a success pays, and a warm-up as long as an episode, which meets more successes, where a
 seed met none. The default, SACfD and SAC are in the experiments early, setting2 and
 setting2_wide. Seeds with 8 mm as there; after a warm-up at random 0 to 14.
@@ -21,6 +21,7 @@ SACFD = methods("sacfd"), OLD_AND_NEW
 FAR = axis("--shift", "8mm")
 ALONE, TOO = axis("--replay.draw-demos", "no"), axis("--replay.draw-demos", "yes")
 RANDOM, BY_DEMOS = axis("--sac.warmup", "random"), axis("--sac.warmup", "demos")
+IMITATORS = axis("--algorithm", "gail", "pofd", "gaifo")
 LONGER = axis("--shape", "0"), FAR, axis("--seed", "5"), axis("--sac.warmup-steps", "3200")
 CELLS = (
     *grid(*IN_PLACE, ALONE),
@@ -37,6 +38,8 @@ CELLS = (
     *grid(*SACFD, FAR, ALONE),
     *grid(*SACFD, FAR, ALONE, axis("--seed", "5", "10", "15")),
     *grid(methods("crsfd"), axis("--shape", "2"), FAR, axis("--potential.terminal", "zero")),
+    *grid(IMITATORS, NEW, RANDOM),
+    *grid(methods("gail", "pofd", "gaifo"), axis("--shape", "2"), FAR, RANDOM),
     *grid(methods("crsfd"), *LONGER),
     *grid(methods("sacfd"), ALONE, *LONGER),
 )

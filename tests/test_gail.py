@@ -28,9 +28,10 @@ def softplus(x):
     return np.log1p(np.exp(x))
 
 
-def experience(successes=1) -> ReplayState:
-    """24 rows far from the demonstrations; the first of some vector steps succeed."""
-    buffer = replay.init(jax.tree.map(lambda x: x[:0], PREPARATION.demos), 4, CONFIG.replay)
+def experience(successes=1, demos=0) -> ReplayState:
+    """24 rows far from the demonstrations, behind some of them; the first of some steps succeed."""
+    pinned = jax.tree.map(lambda x: x[:demos], PREPARATION.demos)
+    buffer = replay.init(pinned, 4, CONFIG.replay)
     for step in range(STEPS):
         ended = jnp.asarray([step < successes, False, False, False])
         obs = jnp.full((4, OBS_SIZE), -1.0) + 0.01 * step
@@ -80,8 +81,8 @@ def test_ending_is_worth_more_than_going_on_only_if_its_logit_is_larger(ending):
 
 def test_the_absorbing_logit_is_the_log_ratio_of_the_shares_of_successes():
     share = jnp.asarray(0.25)
-    for successes in (0, 1, 5):
-        logit = gail.absorbing_logit(share, experience(successes))
+    for successes, demos in ((0, 0), (1, 0), (5, 0), (1, len(PREPARATION.demos.reward))):
+        logit = gail.absorbing_logit(share, experience(successes, demos))
         assert logit == pytest.approx(np.log(0.25 / ((successes + 1) / 25)), rel=1e-5)
     assert prepared().success_share == np.mean(PREPARATION.demos.terminated) == 0.5
 
@@ -145,7 +146,7 @@ def test_pofd_adds_its_weight_of_gails_reward_to_that_of_the_task():
     )
 
 
-def test_gail_learns_the_probe_without_demonstrations_in_its_buffer():
+def test_gail_learns_the_probe_without_demonstrations_in_its_batches():
     sac = dataclasses.replace(probe_env.config().sac, learning_rate=3e-3, updates_per_step=4)
     config = probe_env.config(algorithm="gail", sac=sac)
     learner = train_step.make(probe_env.make(), gail.METHOD, config)

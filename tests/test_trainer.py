@@ -122,7 +122,7 @@ def test_a_run_without_its_checkpoints_does_not_start_over(whole, tmp_path):
                 Config(algorithm=name, sac=Sac(warmup="demos")),
                 f"--sac.warmup: got demos, but {name}",
             )
-            for name in ("sac", "gail", "bc")
+            for name in ("sac", "bc")
         ),
         (Config(mdp=Mdp(translation_scale=0.02)), "the action scale .*0.01.*, expected .*0.02"),
     ],

@@ -118,7 +118,8 @@ def stored(algorithm, drawn="auto", **options):
     @jax.jit
     def first_actions(key):
         after, _ = learner.step(learner.init(key, preparation), jnp.int32(0))
-        return after.replay.storage.action[6 : 6 + config.envs]
+        start = after.replay.num_demos
+        return after.replay.storage.action[start : start + config.envs]
 
     return np.asarray(first_actions(jax.random.key(0)))
 
@@ -132,6 +133,9 @@ def test_a_run_begins_as_it_is_told():
     np.testing.assert_array_equal(alone, stored("sacfd", drawn="no"))
     np.testing.assert_array_equal(alone, stored("sacfd", warmup="demos"))
     np.testing.assert_array_equal(by_rows, stored("sacfd"))
+    np.testing.assert_array_equal(by_rows, stored("sac"))
+    for imitator in ("gail", "gaifo", "pofd"):
+        np.testing.assert_array_equal(alone, stored(imitator))
 
 
 def test_after_warmup_the_policy_acts():

@@ -1,8 +1,8 @@
 """GAIL off-policy: SAC that is paid for looking like the demonstrations.
 
-The demonstrations only train the discriminator D(s, a). The reward is -log(1 - D), of the newest
-discriminator for every row drawn, times 1 - gamma, so that returns are weighted means of it, and
-times SCALE.
+The demonstrations train the discriminator D(s, a), and are imitated in the warm-up; no batch holds
+them. The reward is -log(1 - D), of the newest discriminator for every row drawn, times 1 - gamma,
+so that returns are weighted means of it, and times SCALE.
 
 That reward is positive, so ending an episode by success would end the pay. As in DAC, success
 leads to an absorbing state that pays for ever. Here it is not stored: being one point that
@@ -76,12 +76,16 @@ def method(features: Features) -> Method:
         return SCALE * imitation_reward(logits, rows.terminated, ending, config.sac.gamma)
 
     return Method(
-        uses_demos=False,
+        draws_demos=_never,
         configure=sac.configure,
         prepare=prepare,
         adapt=adapt,
         relabel=relabel,
     )
+
+
+def _never(preparation: Preparation, config: Config) -> bool:
+    return False
 
 
 def imitation_reward(
@@ -97,12 +101,12 @@ def imitation_reward(
 
 
 def absorbing_logit(success_share: jax.Array, buffer: ReplayState) -> jax.Array:
-    """Log ratio [] of the shares of successes in the demonstrations and in the buffer.
+    """Log ratio [] of the shares of successes in the demonstrations and in the experience.
 
-    One success more is counted than the buffer holds, so that it is finite before the first.
+    One success more is counted than there was, so that it is finite before the first.
     """
-    stored = jnp.sum(buffer.priority > 0)
-    succeeded = jnp.sum(buffer.storage.terminated)
+    stored = jnp.sum(buffer.priority[buffer.num_demos :] > 0)
+    succeeded = jnp.sum(buffer.storage.terminated[buffer.num_demos :])
     return jnp.log(success_share) - jnp.log((succeeded + 1) / (stored + 1))
 
 
