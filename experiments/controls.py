@@ -6,10 +6,11 @@ worth, since they lack the search. That was found on shape 2 with 8 mm, and is t
 the hole may have moved; here is the other choice for each task. Where demonstrations are not in the
 batches a run's warm-up imitates them, and finds its first holes so: here is what happens if it does
 not, and whether it does as much for SACfD, with demonstrations in its batches and without, which is
-CRSfD without its potential, and for GAIL, GAIfO and POfD, whose batches hold none. Two more: a potential that is zero at success, so that it does not add
-to what a success pays, and a warm-up as long as an episode, which meets more successes, where a
-seed met none. The default, SACfD and SAC are in the experiments early, setting2 and
-setting2_wide. Seeds with 8 mm as there; after a warm-up at random 0 to 14.
+CRSfD without its potential, and for GAIL, GAIfO and POfD, whose batches hold none. Two more: a
+potential that is zero at success, so that it does not add to what a success pays, and a warm-up as
+long as an episode, which meets more successes, where a seed met none. The default, SACfD and SAC
+are in the experiments early, setting2 and setting2_wide. Seeds with 8 mm as there; after a warm-up
+at random 0 to 14.
 """
 
 from crsfd_jax.sweeps.grid import axis, grid, methods
