@@ -8,6 +8,8 @@ from test_docs import PAGES, ROOT
 from crsfd_jax.report import numbers, page, tables, verdicts
 
 RESULTS = ROOT / "docs" / "results"
+CLAIMS = RESULTS / verdicts.FILE
+COUNTED = re.compile(r"Of (\d+) claims \[?(\d+) hold, (\d+) do not and (\d+) (?:is|are) undecided")
 FROM = {
     RESULTS: "results",
     RESULTS / "newest_actor": "results_newest_actor",
@@ -49,3 +51,11 @@ def test_what_the_documents_quote_is_there():
     quoted = [(path.name, m) for path in PAGES for m in QUOTED.finditer(path.read_text())]
     assert len(quoted) > 150
     assert not [(name, m[0]) for name, m in quoted if values(m) not in made]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "docs" / "results.md"], ids=str)
+def test_claims_are_counted_as_they_are_judged(page):
+    rows = re.findall(r"^\| (holds|does not hold|undecided) \|", CLAIMS.read_text(), re.M)
+    counts = [len(rows), *map(rows.count, ("holds", "does not hold", "undecided"))]
+    said = COUNTED.search(page.read_text())
+    assert said and [int(number) for number in said.groups()] == counts

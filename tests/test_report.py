@@ -329,7 +329,7 @@ def test_leads_are_those_of_equal_steps_and_variant_variants_last(tmp_path, monk
     assert [text.get_text() for text in axes.get_yticklabels()] == [lead.label for lead in found]
 
 
-def test_leads_name_the_options_that_only_one_of_the_two_has(tmp_path):
+def test_leads_name_the_options_that_sacfd_alone_has(tmp_path):
     make_run(tmp_path / "a", "crsfd")
     make_run(tmp_path / "b", "sacfd")
     make_run(tmp_path / "c", "crsfd", potential=Potential(gamma=0.9))
@@ -337,7 +337,6 @@ def test_leads_name_the_options_that_only_one_of_the_two_has(tmp_path):
     found = {lead.label: lead.area.value for lead in leads.find(cells_of(tmp_path))}
     assert set(found) == {
         "shape 2, no shift, 1k steps",
-        "shape 2, no shift, CRSfD: gamma_0 0.9, 1k steps",
         "shape 2, no shift, SACfD: no demonstrations in batches, 1k steps",
     }
     early = found["shape 2, no shift, SACfD: no demonstrations in batches, 1k steps"]

@@ -38,11 +38,15 @@ class Lead(NamedTuple):
 def find(cells: Sequence[Cell]) -> list[Lead]:
     """The leads in area wherever both were given as many steps: by steps, variant and task.
 
+    CRSfD has its usual options, or the same as SACfD.
+
     Cells without a step at which both were evaluated are left out.
     """
     found = []
     for ours, theirs in meetings(cells):
-        compared = (ours.method, theirs.method) == (OURS, PLAIN) and compare([(ours, theirs)])
+        if (ours.method, theirs.method) != (OURS, PLAIN):
+            continue
+        compared = ours.variant in ("", theirs.variant) and compare([(ours, theirs)])
         if compared:
             steps, options = f"{ours.planned_steps / 1000:g}k steps", _options(ours, theirs)
             label = ", ".join(filter(None, (str(ours.task), options, steps)))
@@ -81,8 +85,6 @@ def _mark(axes: Axes, leads: Sequence[Estimate | None], below: float, colour: st
 
 
 def _options(ours: Cell, theirs: Cell) -> str:
-    """Unusual options that both have, or that one has."""
-    if ours.variant == theirs.variant:
-        return ours.variant
-    alone = ours if ours.variant else theirs
-    return f"{style(alone.method).label}: {alone.variant}"
+    """Unusual options that both have, or that SACfD alone has."""
+    same = ours.variant == theirs.variant
+    return theirs.variant if same else f"{style(PLAIN).label}: {theirs.variant}"
