@@ -343,6 +343,14 @@ def test_leads_name_the_options_that_sacfd_alone_has(tmp_path):
     assert early == pytest.approx(-0.2, abs=0.01)
 
 
+def test_unfinished_runs_have_a_lead(tmp_path):
+    for method in ("crsfd", "sacfd"):
+        make_run(tmp_path / method, method, values=rising(0)[:5])
+    assert [lead.label for lead in leads.find(cells_of(tmp_path))] == [
+        "shape 2, no shift, 1k steps"
+    ]
+
+
 def test_figures_are_laid_out_as_in_the_paper(tmp_path):
     paper_like(tmp_path)
     drawn = {figure.name: figure for figure in layout.figures(cells_of(tmp_path))}

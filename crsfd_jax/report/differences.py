@@ -10,7 +10,7 @@ import numpy as np
 from crsfd_jax.options import shapes
 from crsfd_jax.report import summary, tables
 from crsfd_jax.report.cells import Cell
-from crsfd_jax.report.evidence import show
+from crsfd_jax.report.evidence import show, thousands
 from crsfd_jax.report.methods import rank
 from crsfd_jax.report.pairing import OURS, meetings
 from crsfd_jax.report.summary import LEVEL, Scores
@@ -23,9 +23,10 @@ _HEAD += ("difference of area", "exploring", "final")
 
 
 def find(cells: Sequence[Cell]) -> list[tuple[str, Table]]:
-    """A title and a table for each shift and number of steps."""
+    """A title and a table for each shift and number of steps, of finished cells."""
+    finished = [cell for cell in cells if cell.finished]
     groups: dict[tuple[int, float], dict[tuple, list[tuple[Cell, Cell]]]] = {}
-    for ours, theirs in sorted(meetings(cells), key=_order):
+    for ours, theirs in sorted(meetings(finished), key=_order):
         meeting = ours.method, ours.variant, theirs.method, theirs.variant, _several(ours)
         group = groups.setdefault((ours.planned_steps, ours.task.shift_mm), {})
         group.setdefault(meeting, []).append((ours, theirs))
@@ -55,11 +56,10 @@ def _rows(pairs: Sequence[tuple[Cell, Cell]]) -> Iterator[tuple[str, ...]]:
 
 def _side(each: Scores, side: int, cell: Cell) -> str:
     """Such as 0.993, 133k, 0.808."""
-    final, steps = f"{each.final[side].mean():.3f}", each.learned[side]
+    final = f"{each.final[side].mean():.3f}"
     if not cell.interacts:
         return f"{final}, no steps"
-    at = f"{steps / 1000:.0f}k" if np.isfinite(steps) else "not reached"
-    return f"{final}, {at}, {each.area[side].mean():.3f}"
+    return f"{final}, {thousands(each.learned[side])}, {each.area[side].mean():.3f}"
 
 
 def _gaps(found: Sequence[Scores]) -> Iterator[str]:

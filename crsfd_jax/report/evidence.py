@@ -105,7 +105,7 @@ def later(book: Book, task: Task, ours: str, theirs: str) -> Part:
     if isinstance(each, str):
         return Part(OPEN, f"{subject}: {each}")
     first, second = each[0].learned
-    said = " against ".join(_thousands(steps) for steps in (second, first))
+    said = " against ".join(thousands(steps) for steps in (second, first))
     return Part(HOLDS if first < second else FAILS, f"{subject} {said}, {_steps(each)}")
 
 
@@ -154,6 +154,11 @@ def show(estimate: Estimate, form: str = ".3f") -> str:
     return f"{estimate.value:{form}} [{estimate.low:{form}}, {estimate.high:{form}}]"
 
 
+def thousands(steps: float) -> str:
+    """Steps, which may be infinite, in words."""
+    return f"{steps / 1000:.0f}k" if np.isfinite(steps) else "not reached"
+
+
 _WORDS = {"final": "final success", "area": "area"}
 
 
@@ -200,10 +205,6 @@ def _steps(each: Sequence[summary.Scores]) -> str:
     """Up to which step methods are compared, such as 60k steps."""
     ends = dict.fromkeys(f"{end(task.steps for task in each) / 1000:.0f}k" for end in (min, max))
     return f"{' to '.join(ends)} steps"
-
-
-def _thousands(steps: float) -> str:
-    return f"{steps / 1000:.0f}k" if np.isfinite(steps) else "not reached"
 
 
 def _usable(book: Book, method: str, task: Task) -> list[Cell]:

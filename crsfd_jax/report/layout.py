@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from crsfd_jax.report.cells import Cell, Task
 from crsfd_jax.report.methods import ARMS
-from crsfd_jax.report.pairing import longest
+from crsfd_jax.report.pairing import OURS, PLAIN, longest
 from crsfd_jax.report.words import by_size
 
 SETTING1 = tuple(Task(shape, 0.0) for shape in "1234")
@@ -39,8 +39,8 @@ def figures(cells: Sequence[Cell]) -> list[Figure]:
     cells = longest(cells)
     usual = [cell for cell in cells if not cell.variant]
     trained = [cell for cell in usual if cell.method not in ARMS]
-    pair = [cell for cell in trained if cell.method in ("crsfd", "sacfd")]
-    others = {cell.task for cell in trained if cell.method not in ("crsfd", "sacfd")}
+    pair = [cell for cell in trained if cell.method in (OURS, PLAIN)]
+    others = {cell.task for cell in trained if cell.method not in (OURS, PLAIN)}
     wide = [task for task in SETTING2 if task in others]
     made = [
         _grid("setting1", "New shapes, socket where it was", 2, SETTING1, trained),
@@ -65,7 +65,7 @@ def _grid(
 
 def _ablation(cells: Sequence[Cell]) -> Figure | None:
     tasks = sorted({cell.task for cell in cells if cell.method in ARMS})
-    arms = [cell for cell in cells if cell.method in ("crsfd", *ARMS)]
+    arms = [cell for cell in cells if cell.method in (OURS, *ARMS)]
     panels = [Panel(str(task), tuple(c for c in arms if c.task == task)) for task in tasks]
     caption = "Ablation of the two conservative parts of CRSfD"
     return (

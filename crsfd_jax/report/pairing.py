@@ -52,15 +52,14 @@ def rivals(cells: Sequence[Cell], ours: str) -> Rivals:
 
 
 def meetings(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
-    """Finished cells of a task and number of steps, two at a time.
+    """Cells of a task and number of steps, two at a time.
 
     CRSfD and each method with the same options, and each method with its usual options and with
     others. What has no rival of its kind meets the usual CRSfD or SACfD.
     """
-    finished = [cell for cell in cells if cell.finished]
-    still = [cell for cell in finished if not cell.interacts]
+    still = [cell for cell in cells if not cell.interacts]
     places: dict[tuple[Task, int], list[Cell]] = {}
-    for cell in finished:
+    for cell in cells:
         if cell.interacts:
             places.setdefault((cell.task, cell.planned_steps), []).append(cell)
     for (task, _), acting in places.items():
