@@ -77,13 +77,18 @@ def build(configs: Sequence[Config], demos: Demonstrations) -> Program:
     Args:
       configs: of a run, or of several that `together.require_alike` lets share a program.
     """
-    first = configs[0]
-    sampler = make_free_space(task.scene_of(first), first.potential.free_space_extent)
-    preparation = Preparation.of(demos, sampler)
     whole = _with_all_shapes(configs)
     return assemble(
-        configs, lambda own: task.make_env(whole, shapes=own.shapes, shift=own.shift), preparation
+        configs,
+        lambda own: task.make_env(whole, shapes=own.shapes, shift=own.shift),
+        preparation(configs[0], demos),
     )
+
+
+def preparation(config: Config, demos: Demonstrations) -> Preparation:
+    """What a method may learn from before its first step: demonstrations, and free space."""
+    sampler = make_free_space(task.scene_of(config), config.potential.free_space_extent)
+    return Preparation.of(demos, sampler)
 
 
 def assemble(

@@ -16,12 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from crsfd_jax import algorithms, cli, compile_cache, task
-from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, Replay
 from crsfd_jax.demos import builtin
-from crsfd_jax.free_space import make as make_free_space
 from crsfd_jax.options.schedule import warmup_steps
-from crsfd_jax.training import chunk, train_step
+from crsfd_jax.training import chunk, program, train_step
 
 
 @dataclass(frozen=True)
@@ -40,8 +38,7 @@ class Warmup:
 
 def met(config: Config, seeds: int) -> np.ndarray:
     """[S] successes in the warm-up of a run."""
-    sampler = make_free_space(task.scene_of(config), config.potential.free_space_extent)
-    preparation = Preparation.of(builtin.load("builtin"), sampler)
+    preparation = program.preparation(config, builtin.load("builtin"))
     learner = train_step.make(task.make_env(config), algorithms.load(config.algorithm), config)
     states = jax.jit(jax.vmap(lambda seed: learner.init(jax.random.key(seed), preparation)))(
         jnp.arange(seeds)
