@@ -39,18 +39,19 @@ def measure(config: Config) -> dict:
     """Seconds of each part of a run with this configuration."""
     program = build([config], builtin.load(config.demos))
     began = time.perf_counter()
-    states = jax.block_until_ready(program.start())
+    states = jax.block_until_ready(program.start(program.own))
     prepared = time.perf_counter() - began
     began = time.perf_counter()
-    advance = program.advance.lower(states, jnp.int32(0)).compile()
-    evaluate = program.evaluate.lower(states.agent.average_actor, jnp.int32(0)).compile()
+    actor, own, zero = states.agent.average_actor, program.own, jnp.int32(0)
+    advance = program.advance.lower(states, own, zero).compile()
+    evaluate = program.evaluate.lower(actor, own, zero).compile()
     compiled = time.perf_counter() - began
     warm = -(-schedule.warmup_steps(config) // CHUNK_STEPS) + 1
     for i in range(warm):
-        states, _ = advance(states, jnp.int32(i * CHUNK_STEPS))
+        states, _ = advance(states, own, jnp.int32(i * CHUNK_STEPS))
     began = time.perf_counter()
     for i in range(warm, warm + ROUNDS):
-        states, _ = advance(states, jnp.int32(i * CHUNK_STEPS))
+        states, _ = advance(states, own, jnp.int32(i * CHUNK_STEPS))
     jax.block_until_ready(states.key)
     chunk = (time.perf_counter() - began) / ROUNDS
 
@@ -75,7 +76,7 @@ def measure(config: Config) -> dict:
     keys = jax.random.split(jax.random.key(0), (CHUNK_STEPS, config.seeds))
     physics_s = timed(jax.jit(physics), states.env, keys)
     updates_s = timed(jax.jit(updates), states, keys)
-    evaluation_s = timed(evaluate, states.agent.average_actor, jnp.int32(0))
+    evaluation_s = timed(evaluate, states.agent.average_actor, own, zero)
     total = schedule.total_steps(config)
     chunks, evaluations = total // CHUNK_STEPS, -(-total // schedule.evaluation_period(config))
     parts = {

@@ -6,9 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import algorithms, free_space, task
+from crsfd_jax import algorithms, preparation
 from crsfd_jax.algorithms import crsfd
-from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config
 from crsfd_jax.demos import builtin
 from crsfd_jax.demos.dataset import Demonstrations
@@ -33,10 +32,9 @@ def fit(config: Config) -> tuple[Phi, np.ndarray]:
       UserError: the demonstrations cannot be used.
     """
     demos = builtin.load(config.demos, config.demo_episodes)
-    sampler = free_space.make(task.scene_of(config), config.potential.free_space_extent)
     key = jax.random.key(config.seed)
-    config = algorithms.load(config.algorithm).configure(config)
-    fitted = crsfd.prepare(key, Preparation.of(demos, sampler), config)
+    given = preparation.make(config, demos)
+    fitted = crsfd.prepare(key, given, algorithms.load(config.algorithm).configure(config))
 
     def phi(poses: np.ndarray) -> np.ndarray:
         features = jnp.clip(jnp.asarray(poses / POSE_SCALE), -CLIP, CLIP)

@@ -24,7 +24,7 @@ ORDER = tuple(
     observation scene.randomize sensing env task functional training.devices
     demos.options demos.provenance demos.dataset demos.builtin
     demos.layout demos.replay demos.hdf5 demos.robomimic demos.minari demos.exchange
-    learn algorithms free_space training.divergence training.warmup
+    learn algorithms free_space preparation training.divergence training.warmup
     training.train_step training.chunk evaluation
     storage.trained success deploy shown_potential
     demos.recordable demos.rollout demos.expert demos.record demos.commands

@@ -52,7 +52,7 @@ def program(config):
 @pytest.fixture(scope="module")
 def begun(program):
     """States before the first step."""
-    return program.start()
+    return program.start(program.own)
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def run(config, program, begun, tmp_path):
     """(index of seeds) -> exit code and folder of a run whose critics start as NaN."""
 
     def run(index=NOBODY, name="run"):
-        def start():
+        def start(own):
             return poisoned(begun, "critic", index)
 
         with (
@@ -81,11 +81,12 @@ def host_leaves(states):
 def test_a_poisoned_seed_leaves_the_others_bit_for_bit_as_they_were(program, begun, site):
     clean, bad = poisoned(begun, site, NOBODY), poisoned(begun, site, 1)
     for step in (0, 16, 32):
-        clean, _ = program.advance(clean, jnp.int32(step))
-        bad, _ = program.advance(bad, jnp.int32(step))
+        clean, _ = program.advance(clean, program.own, jnp.int32(step))
+        bad, _ = program.advance(bad, program.own, jnp.int32(step))
     for a, b in zip(host_leaves(clean), host_leaves(bad), strict=True):
         np.testing.assert_array_equal(a[[0, 2]], b[[0, 2]])
-    played = [program.evaluate(states.agent.actor, jnp.int32(48)) for states in (clean, bad)]
+    actors = [states.agent.actor for states in (clean, bad)]
+    played = [program.evaluate(actor, program.own, jnp.int32(48)) for actor in actors]
     for a, b in zip(*map(jax.tree.leaves, played), strict=True):
         np.testing.assert_array_equal(np.asarray(a)[[0, 2]], np.asarray(b)[[0, 2]])
 
@@ -132,7 +133,7 @@ def test_the_state_that_is_kept_is_that_of_the_seed_and_needs_no_pickle(run, pro
     assert kept.name == "diverged-seed1-step256.npz"
     states = poisoned(begun, "critic", 1)
     for step in range(0, 64, 16):
-        states, _ = program.advance(states, jnp.int32(step))
+        states, _ = program.advance(states, program.own, jnp.int32(step))
     with np.load(kept, allow_pickle=False) as file:
         np.testing.assert_array_equal(file[".replay.priority"], states.replay.priority[1])
         np.testing.assert_array_equal(file[".key"], jax.random.key_data(states.key[1]))
@@ -149,7 +150,7 @@ def test_a_run_whose_seeds_have_all_diverged_ends_with_code_1(run, capsys):
 
 def test_a_diverged_seed_stays_so_when_the_run_is_continued(run, config, program, capsys):
     _, folder = run(1)
-    restored = checkpoints.restore(folder.checkpoints, jax.eval_shape(program.start))
+    restored = checkpoints.restore(folder.checkpoints, jax.eval_shape(program.start, program.own))
     assert restored is not None and restored.step == total_steps(config)
     assert restored.extra["diverged"] == {"1": 256}
     run(1)
@@ -175,7 +176,7 @@ def test_a_full_disk_ends_a_run_that_can_be_continued(run, monkeypatch):
 
 def test_what_is_evaluated_and_kept_is_the_averaged_actor(run, config, program):
     _, folder = run(name="averaged")
-    restored = checkpoints.restore(folder.checkpoints, jax.eval_shape(program.start))
+    restored = checkpoints.restore(folder.checkpoints, jax.eval_shape(program.start, program.own))
     assert restored is not None
     agent, steps = restored.state.agent, total_steps(config) * config.envs
     kept = policy.load(folder.policy, jax.eval_shape(lambda: agent.actor))
@@ -183,7 +184,7 @@ def test_what_is_evaluated_and_kept_is_the_averaged_actor(run, config, program):
     assert not jax.tree.all(jax.tree.map(np.array_equal, kept, agent.actor))
     table = metrics.read(folder.metrics)
     rate = table["eval/success_rate"][table["env_steps"] == steps]
-    played = program.evaluate(agent.average_actor, np.int32(steps))
+    played = program.evaluate(agent.average_actor, program.own, np.int32(steps))
     np.testing.assert_allclose(rate, np.asarray(played.success).mean(axis=1))
 
 

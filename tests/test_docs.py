@@ -188,7 +188,7 @@ def test_the_documented_method_learns_towards_where_demonstrations_end(monkeypat
     goal = method.METHOD.prepare(jax.random.key(0), given, options)
     np.testing.assert_allclose(goal, tip, atol=1e-6)
     made = program.assemble([options], lambda own: probe_env.make(), given)
-    _, metrics = made.advance(made.start(), 0)
+    _, metrics = made.advance(made.start(made.own), made.own, 0)
     assert np.isfinite(jax.device_get(metrics["critic_loss"])).all()
 
 

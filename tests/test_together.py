@@ -69,7 +69,7 @@ def joined(one, other):
 
 
 def test_each_run_has_its_own_shapes_shift_and_seeds(programs):
-    both, one, other = (made.start() for made in programs)
+    both, one, other = (made.start(made.own) for made in programs)
     assert both.env.around.shape.shape[0] == 3
     assert_equal(numbers(both), joined(numbers(one), numbers(other)))
     offset = np.abs(np.asarray(both.env.around.socket_offset))
@@ -82,14 +82,40 @@ def test_each_run_has_its_own_shapes_shift_and_seeds(programs):
 
 
 def test_new_episodes_and_evaluations_are_of_the_runs_own_task(programs):
-    played = [made.evaluate(made.start().agent.actor, np.int32(0)) for made in programs]
+    begun = [made.start(made.own) for made in programs]
+    played = [
+        made.evaluate(states.agent.actor, made.own, np.int32(0))
+        for made, states in zip(programs, begun, strict=True)
+    ]
     both, one, other = map(numbers, played)
     np.testing.assert_array_equal(both[".shape"], joined(one, other)[".shape"])
-    advanced = [made.advance(made.start(), np.int32(0))[0] for made in programs]
+    advanced = [
+        made.advance(states, made.own, np.int32(0))[0]
+        for made, states in zip(programs, begun, strict=True)
+    ]
     both, one, other = (numbers(states.env.around) for states in advanced)
     assert_equal(both, joined(one, other))
     began_in_it = np.asarray(advanced[0].env.age) < program.CHUNK_STEPS
     assert began_in_it.any(axis=1).all()
+
+
+def lowered(config):
+    """The programs of a run as text: to start, to evaluate, to advance."""
+    made = program.build([small(config)], builtin.load("builtin"))
+    own, step = made.own, np.int32(0)
+    states = jax.eval_shape(made.start, own)
+    yield made.start.lower(own).as_text()
+    yield made.evaluate.lower(states.agent.average_actor, own, step).as_text()
+    yield made.advance.lower(states, own, step).as_text()
+
+
+def test_another_task_and_other_seeds_need_no_other_program():
+    one = Config(smoke=True, shape="3", shift=0.008, seed=5, seeds=2, out="one")
+    other = dataclasses.replace(one, shape="0", shift=0.0, seed=0, out="other")
+    longer = dataclasses.replace(one, mdp=dataclasses.replace(one.mdp, horizon=7))
+    first = list(lowered(one))
+    assert first == list(lowered(other))
+    assert first[0] != next(lowered(longer))
 
 
 @pytest.mark.parametrize(
@@ -216,14 +242,14 @@ def steps_made(folder):
 
 
 def test_a_run_without_a_seed_left_ends_where_it_would_alone(probe, tmp_path, capsys):
-    begun = probe[1].start()
-    code, a, b = trained(probe, tmp_path, lambda: poisoned(begun, "critic", np.array([1, 2])))
+    begun = probe[1].start(probe[1].own)
+    code, a, b = trained(probe, tmp_path, lambda own: poisoned(begun, "critic", np.array([1, 2])))
     assert code == 1 and "no seed counts" in capsys.readouterr().out.splitlines()[-1]
     assert steps_made(a) == {256, 512, 768, 1024} and steps_made(b) == {256}
     assert not list(a.path.glob("diverged-*"))
-    states = probe[1].start()
+    states = probe[1].start(probe[1].own)
     for step in range(0, 64, 16):
-        states, _ = probe[1].advance(states, np.int32(step))
+        states, _ = probe[1].advance(states, probe[1].own, np.int32(step))
     for index in (1, 2):
         with np.load(b.path / f"diverged-seed{index}-step256.npz") as file:
             expected = jax.random.key_data(states.key[index])

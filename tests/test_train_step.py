@@ -9,6 +9,7 @@ import probe_env
 import pytest
 
 from crsfd_jax import algorithms
+from crsfd_jax.options.schedule import warmup_steps
 from crsfd_jax.training import chunk, train_step
 
 
@@ -54,9 +55,9 @@ def test_two_chunks_equal_one_of_twice_the_length_bit_by_bit():
 
 def test_a_chunk_is_compiled_once():
     learner, states = learner_and_states(probe_env.config())
-    advance = chunk.make(learner, 4)
+    advance = chunk.of_each(lambda state, own, step: learner.step(state, step), 4)
     for step in range(0, 12, 4):
-        states, _ = advance(states, jnp.int32(step))
+        states, _ = advance(states, (), jnp.int32(step))
     assert advance._cache_size() == 1
 
 
@@ -159,6 +160,28 @@ def test_demonstrations_stay_in_the_buffer():
     jax.tree.map(np.testing.assert_array_equal, demos, kept)
 
 
+def test_rewards_are_those_of_the_judge_as_it_is_after_its_update():
+    """Adapted once in each step of learning; a reward of a batch is how often that has been."""
+
+    def update(nets, agent, batch, key, config):
+        learned = {"least": batch.one_step.reward.min(), "most": batch.one_step.reward.max()}
+        return agent, jnp.zeros(batch.one_step.reward.shape), learned
+
+    method = algorithms.load("sacfd")._replace(
+        prepare=lambda key, preparation, config: jnp.float32(0),
+        adapt=lambda prepared, buffer, draw, key, config: prepared + 1,
+        relabel=lambda prepared, buffer, draw, config: jnp.full(draw.rows.shape, prepared),
+        update=update,
+    )
+    config = probe_env.config()
+    learner = train_step.make(probe_env.make(), method, config)
+    state = learner.init(jax.random.key(0), probe_env.preparation(6))
+    first = warmup_steps(config)
+    for times in (1, 2):
+        state, metrics = learner.step(state, jnp.int32(first + times))
+        assert metrics["least"] == metrics["most"] == times * config.sac.reward_scale
+
+
 def test_demonstrations_that_only_fit_the_potential_are_never_drawn():
     config = dataclasses.replace(probe_env.config(), algorithm="crsfd")
     shares = {}
@@ -203,7 +226,7 @@ def _minus_infinity_at_the_output(path, leaf):
 
 
 @pytest.mark.parametrize("algorithm", ["sac", "sacfd", "crsfd"])
-def test_every_method_learns_the_probe(algorithm):
+def test_the_probe_is_learned(algorithm):
     sac = dataclasses.replace(probe_env.config().sac, learning_rate=3e-3, updates_per_step=4)
     config = probe_env.config(algorithm=algorithm, sac=sac)
     learner, states = learner_and_states(config)

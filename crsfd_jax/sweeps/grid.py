@@ -7,14 +7,17 @@ Arguments = tuple[str, ...]
 
 METHODS = ("crsfd", "sacfd", "sac", "bc", "rlpd", "rsgm", "pofd", "sqil", "gail", "gaifo")
 """What the paper compares and RLPD, the most telling first."""
-_BUDGET = ("--steps", "300000", "--evaluation.every", "10240")
-_BUDGETS = {"bc": ("--steps", "40960", "--evaluation.every", "10240")}
+_STEPS = "300000"
+_STEPS_OF = {"bc": "40960"}
 """BC never meets its environment: steps only count its updates, and 9,728 of them are plenty."""
 
 
-def methods(*names: str) -> tuple[Arguments, ...]:
-    """An axis of methods, each with its budget of environment steps."""
-    return tuple(("--algorithm", name, *_BUDGETS.get(name, _BUDGET)) for name in names)
+def methods(*names: str, every: str = "10240") -> tuple[Arguments, ...]:
+    """An axis of methods, each with its budget of environment steps, evaluated every so many."""
+    return tuple(
+        ("--algorithm", name, "--steps", _STEPS_OF.get(name, _STEPS), "--evaluation.every", every)
+        for name in names
+    )
 
 
 def axis(option: str, *values: str) -> tuple[Arguments, ...]:

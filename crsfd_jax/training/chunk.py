@@ -13,20 +13,26 @@ from crsfd_jax.training.train_step import Learner, TrainState
 Metrics = dict[str, jax.Array]
 Step = Callable[[TrainState, Any, jax.Array], tuple[TrainState, Metrics]]
 """(state, own, step) -> state of one seed after a vector step, metrics."""
-Chunk = Callable[[TrainState, jax.typing.ArrayLike], tuple[TrainState, Metrics]]
-"""(states [S], step) -> states after the chunk, metrics [S]; the states given are consumed."""
+Chunk = Callable[[TrainState, Any, jax.typing.ArrayLike], tuple[TrainState, Metrics]]
+"""(states [S], own [S], step) -> states after the chunk, metrics [S].
+
+The states given are consumed. `own` tells a seed's learner from those of other seeds; it is no
+part of the program, which is the same for other seeds and tasks.
+"""
 
 
-def make(learner: Learner, length: int) -> Chunk:
-    """A chunk of `length` vector steps of one learner's seeds."""
-    return of_each(lambda state, own, step: learner.step(state, step), (), length)
+def make(
+    learner: Learner, length: int
+) -> Callable[[TrainState, jax.typing.ArrayLike], tuple[TrainState, Metrics]]:
+    """A chunk of `length` vector steps of one learner's seeds: (states [S], step) -> as above."""
+    advance = of_each(lambda state, own, step: learner.step(state, step), length)
+    return lambda states, step: advance(states, (), step)
 
 
-def of_each(advance: Step, own: Any, length: int, mesh: Mesh | None = None) -> Chunk:
+def of_each(advance: Step, length: int, mesh: Mesh | None = None) -> Chunk:
     """A chunk of `length` vector steps; counts are added up, other metrics averaged.
 
     Args:
-      own: [S] what tells a seed's learner from those of other seeds.
       mesh: the devices that share the seeds; None for one.
     """
 
@@ -37,8 +43,7 @@ def of_each(advance: Step, own: Any, length: int, mesh: Mesh | None = None) -> C
         states, metrics = jax.lax.scan(body, states, step + jnp.arange(length))
         return states, {name: _summarise(values) for name, values in metrics.items()}
 
-    split = devices.split(run, mesh, devices.SEEDS, devices.WHOLE)
-    return jax.jit(lambda states, step: split(states, own, step), donate_argnums=0)
+    return jax.jit(devices.split(run, mesh, devices.SEEDS, devices.WHOLE), donate_argnums=0)
 
 
 def _summarise(values: jax.Array) -> jax.Array:

@@ -1,7 +1,8 @@
 """What a run computes: from its options to the functions that the trainer calls.
 
-Runs that differ in task and seeds alone are computed as one: the seeds of all of them stand side by
-side, and each has the shapes and the shift of its run.
+Runs that differ in task and seeds alone have one program, to which seeds, shapes and shift are
+given. It is compiled once for all of them; and it can compute several as one, the seeds of all
+standing side by side.
 """
 
 import dataclasses
@@ -12,12 +13,11 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from crsfd_jax import algorithms, evaluation, task
+from crsfd_jax import algorithms, evaluation, preparation, task
 from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, Replay
 from crsfd_jax.demos.dataset import Demonstrations
 from crsfd_jax.env import Env
-from crsfd_jax.free_space import make as make_free_space
 from crsfd_jax.options import shapes
 from crsfd_jax.options.run_name import default_folder
 from crsfd_jax.options.schedule import CHUNK_STEPS, total_env_steps
@@ -31,11 +31,11 @@ _QUICK_COMPILE = {"xla_backend_optimization_level": 1}
 
 
 class Own(NamedTuple):
-    """What tells a seed from the others; None is left to the options, the same for all."""
+    """What tells a seed from others, [S] of each in a program."""
 
     seed: Any
     shapes: Any
-    """Rows of the scene's shapes that an episode is drawn from."""
+    """[n] rows of the scene's shapes that an episode is drawn from."""
     shift: Any
     """m."""
 
@@ -43,11 +43,13 @@ class Own(NamedTuple):
 class Program(NamedTuple):
     """The functions of a run, or of several: [S] are the seeds of all."""
 
-    start: Callable[[], TrainState]
-    """() -> states [S] before the first step."""
+    own: Own
+    """[S] what to call them with."""
+    start: Callable[[Own], TrainState]
+    """(own) -> states [S] before the first step."""
     advance: chunk.Chunk
-    evaluate: Callable[[Any, jax.typing.ArrayLike], evaluation.Episodes]
-    """(actor parameters [S], env_steps) -> episodes [S, K]."""
+    evaluate: Callable[[Any, Own, jax.typing.ArrayLike], evaluation.Episodes]
+    """(actor parameters [S], own, env_steps) -> episodes [S, K]."""
     mesh: Mesh
     """The devices that share the seeds."""
 
@@ -81,25 +83,20 @@ def build(configs: Sequence[Config], demos: Demonstrations) -> Program:
     return assemble(
         configs,
         lambda own: task.make_env(whole, shapes=own.shapes, shift=own.shift),
-        preparation(configs[0], demos),
+        preparation.make(configs[0], demos),
     )
-
-
-def preparation(config: Config, demos: Demonstrations) -> Preparation:
-    """What a method may learn from before its first step: demonstrations, and free space."""
-    sampler = make_free_space(task.scene_of(config), config.potential.free_space_extent)
-    return Preparation.of(demos, sampler)
 
 
 def assemble(
     configs: Sequence[Config],
     make_env: Callable[[Own], Env],
-    preparation: Preparation,
+    given: Preparation,
 ) -> Program:
     """What runs compute on any environment; several devices share the seeds.
 
     Args:
       make_env: the environment of a seed.
+      given: what the method learns from before the first step.
     """
     first, method = configs[0], algorithms.load(configs[0].algorithm)
     own = _own(configs)
@@ -107,19 +104,18 @@ def assemble(
     of_first = jax.tree.map(lambda values: values[0], own)
 
     def learner_of(own: Own) -> Learner:
-        shift: Any = first.shift if own.shift is None else own.shift
-        return train_step.make(make_env(own), method, dataclasses.replace(first, shift=shift))
+        return train_step.make(make_env(own), method, dataclasses.replace(first, shift=own.shift))
 
     nets = learner_of(of_first).nets
 
     @jax.vmap
     def begin(own: Own) -> TrainState:
-        return learner_of(own).init(jax.random.key(own.seed), preparation)
+        return learner_of(own).init(jax.random.key(own.seed), given)
 
     def step(state: TrainState, own: Own, step: jax.Array) -> Any:
         return learner_of(own).step(state, step)
 
-    def play(own: Own, actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
+    def play(actor: Any, own: Own, env_steps: jax.Array) -> evaluation.Episodes:
         def one(actor, own):
             key = jax.random.fold_in(jax.random.key(own.seed), _FRESH)
             key, env = jax.random.fold_in(key, env_steps), make_env(own)
@@ -127,15 +123,10 @@ def assemble(
 
         return jax.vmap(one)(actor, own)
 
-    def start() -> TrainState:
-        return devices.split(begin, mesh)(own)
-
-    def evaluate(actor: Any, env_steps: jax.Array) -> evaluation.Episodes:
-        return devices.split(play, mesh, devices.SEEDS, devices.WHOLE)(own, actor, env_steps)
-
-    start = jax.jit(start, compiler_options=_QUICK_COMPILE)
-    advance = chunk.of_each(step, own, CHUNK_STEPS, mesh)
-    return Program(start, advance, jax.jit(evaluate), mesh)
+    start = jax.jit(devices.split(begin, mesh), compiler_options=_QUICK_COMPILE)
+    advance = chunk.of_each(step, CHUNK_STEPS, mesh)
+    evaluate = jax.jit(devices.split(play, mesh, devices.SEEDS, devices.WHOLE))
+    return Program(own, start, advance, evaluate, mesh)
 
 
 def _with_all_shapes(configs: Sequence[Config]) -> Config:
@@ -150,12 +141,8 @@ def _own(configs: Sequence[Config]) -> Own:
     rows = [[known.index(name) for name in shapes.read(config.shape)] for config in configs]
     shifts = [config.shift for config in configs]
     counts = [config.seeds for config in configs]
-
-    def where_other(values: np.ndarray) -> Any:
-        return np.repeat(values, counts, axis=0) if (values != values[0]).any() else None
-
     return Own(
         seed=np.array([config.seed + i for config in configs for i in range(config.seeds)]),
-        shapes=where_other(np.array(rows, np.int32)),
-        shift=where_other(np.array(shifts, np.float32)),
+        shapes=np.repeat(np.array(rows, np.int32), counts, axis=0),
+        shift=np.repeat(np.array(shifts, np.float32), counts),
     )

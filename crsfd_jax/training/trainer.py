@@ -65,7 +65,7 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
         interrupt = stack.enter_context(Interrupt())
         stack.enter_context(_memory_reported(folders))
         program = build(configs, demos)
-        size = stored_bytes(jax.eval_shape(program.start))
+        size = stored_bytes(jax.eval_shape(program.start, program.own))
         seeds = sum(config.seeds for config in configs)
         for folder in folders:  # They may lie on one disk.
             artefacts.refuse_full_disk(folder, size)
@@ -101,14 +101,15 @@ def run(
         watchers = [bookkeeping.watcher(each, stack) for each in runs]
         while not _are_over(runs) and not devices.any_of(interrupt.requested):
             step = first.at.step + CHUNK_STEPS
-            states, values = program.advance(states, np.int32(first.at.step))
+            states, values = program.advance(states, program.own, np.int32(first.at.step))
             values = devices.collect(values)
             for each in runs:
                 bookkeeping.add_up(each, step, values)
             clock = bookkeeping.share_time(runs, clock)
             if step % evaluation_period(first.config) == 0 or step == total_steps(first.config):
                 agent = devices.collect(states.agent)
-                played = program.evaluate(states.agent.average_actor, np.int32(first.env_steps))
+                actor, at = states.agent.average_actor, np.int32(first.env_steps)
+                played = program.evaluate(actor, program.own, at)
                 played = devices.collect(played)
                 for each, watch in zip(runs, watchers, strict=True):
                     bookkeeping.evaluated(each, states, agent, played)
@@ -151,7 +152,7 @@ def _are_over(runs: Sequence[Run]) -> bool:
 
 
 def _start_or_resume(configs, program, folders) -> tuple[TrainState, list[Run]]:
-    like = jax.eval_shape(program.start)
+    like = jax.eval_shape(program.start, program.own)
     ends = np.cumsum([config.seeds for config in configs]).tolist()
     seeds = [slice(end - config.seeds, end) for config, end in zip(configs, ends, strict=True)]
     parts = [None] if len(configs) == 1 else seeds
@@ -169,7 +170,7 @@ def _start_or_resume(configs, program, folders) -> tuple[TrainState, list[Run]]:
         say(f"resumed at {runs[0].env_steps} of {total_env_steps(configs[0])} steps")
         return states, runs
     began = time.monotonic()
-    states = jax.block_until_ready(program.start())
+    states = jax.block_until_ready(program.start(program.own))
     took = time.monotonic() - began
     say(f"prepared  {configs[0].algorithm} for {ends[-1]} seeds in {took:.1f} s")
     return states, runs
@@ -179,7 +180,7 @@ def _told(program: Program, found: Sequence) -> tuple[TrainState, list[dict]]:
     """What the first process found in the run folders, in every process."""
     if jax.process_count() > 1:
         # Also in the first one: all must collect, or none.
-        blank = devices.collect(program.start())
+        blank = devices.collect(program.start(program.own))
     if found[0] is None:
         states, extras = blank, []
     elif len(found) == 1:
@@ -193,8 +194,9 @@ def _told(program: Program, found: Sequence) -> tuple[TrainState, list[dict]]:
 def _compiled(program: Program, states: TrainState) -> Program:
     say("compiling one chunk of training steps and the evaluation ...")
     began = time.monotonic()
-    advance = program.advance.lower(states, np.int32(0)).compile()
-    evaluate = program.evaluate.lower(states.agent.average_actor, np.int32(0)).compile()
+    actor, own, zero = states.agent.average_actor, program.own, np.int32(0)
+    advance = program.advance.lower(states, own, zero).compile()
+    evaluate = program.evaluate.lower(actor, own, zero).compile()
     say(f"compiled  in {time.monotonic() - began:.1f} s")
     return program._replace(advance=advance, evaluate=evaluate)
 

@@ -15,11 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from crsfd_jax import algorithms, cli, compile_cache, task
+from crsfd_jax import algorithms, cli, compile_cache, preparation, task
 from crsfd_jax.config import Config, Replay
 from crsfd_jax.demos import builtin
 from crsfd_jax.options.schedule import warmup_steps
-from crsfd_jax.training import chunk, program, train_step
+from crsfd_jax.training import chunk, train_step
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class Warmup:
 
 def met(config: Config, seeds: int) -> np.ndarray:
     """[S] successes in the warm-up of a run."""
-    preparation = program.preparation(config, builtin.load("builtin"))
+    given = preparation.make(config, builtin.load("builtin"))
     learner = train_step.make(task.make_env(config), algorithms.load(config.algorithm), config)
-    states = jax.jit(jax.vmap(lambda seed: learner.init(jax.random.key(seed), preparation)))(
+    states = jax.jit(jax.vmap(lambda seed: learner.init(jax.random.key(seed), given)))(
         jnp.arange(seeds)
     )
     _, metrics = chunk.make(learner, warmup_steps(config))(states, 0)
