@@ -6,11 +6,12 @@ worth, since they lack the search. That was found on shape 2 with 8 mm, and is t
 the hole may have moved; here is the other choice for each task. Where demonstrations are not in the
 batches a run's warm-up imitates them, and finds its first holes so: here is what happens if it does
 not, and whether it does as much for SACfD, with demonstrations in its batches and without, which is
-CRSfD without its potential, for RS-GM without them, which is CRSfD with another potential, and for
-GAIL, GAIfO and POfD, whose batches hold none. Two more: a potential that is zero at success, so
-that it does not add to what a success pays, and a warm-up as long as an episode, which meets more
-successes, where a seed met none. The default, SACfD and SAC are in the experiments early, setting2
-and setting2_wide. Seeds with 8 mm as there; after a warm-up at random 0 to 14.
+CRSfD without its potential, and for GAIL, GAIfO and POfD, whose batches hold none. RS-GM, which is
+CRSfD with another potential, has the other choice, too, and is run on shape 0. Two more: a
+potential that is zero at success, so that it does not add to what a success pays, and a warm-up as
+long as an episode, which meets more successes, where a seed met none. The default, SACfD and SAC
+are in the experiments early, setting2 and setting2_wide. Seeds with 8 mm as there; after a warm-up
+at random 0 to 14.
 """
 
 from crsfd_jax.sweeps.grid import axis, grid, methods
@@ -39,7 +40,8 @@ CELLS = (
     *grid(*SACFD, FAR, ALONE),
     *grid(*SACFD, FAR, ALONE, axis("--seed", "5", "10", "15")),
     *grid(methods("crsfd"), axis("--shape", "2"), FAR, axis("--potential.terminal", "zero")),
-    *grid(methods("rsgm"), axis("--shape", "2"), FAR, ALONE),
+    *grid(methods("rsgm"), axis("--shape", "2"), FAR, TOO),
+    *grid(methods("rsgm"), axis("--shape", "0"), FAR),
     *grid(IMITATORS, NEW, RANDOM),
     *grid(methods("gail", "pofd", "gaifo"), axis("--shape", "2"), FAR, RANDOM),
     *grid(methods("crsfd"), *LONGER),

@@ -271,12 +271,12 @@ def test_the_potential_of_a_hole_that_may_have_moved_is_flat_where_it_may_be():
     ("shift", "demo_shift", "draws"),
     [(0.0, 0.0, True), (0.004, 0.0, False), (0.008, 0.004, False), (0.008, 0.008, True)],
 )
-def test_demonstrations_of_a_socket_in_a_smaller_square_only_fit_the_potential(
+def test_demonstrations_of_a_socket_in_a_smaller_square_are_in_no_batch_of_a_shaped_method(
     shift, demo_shift, draws
 ):
     options = config.Config(shift=shift)
     given = Preparation(None, None, demo_shift)
-    for name in ("crsfd", "crsfd_no_free_space", "crsfd_same_gamma"):
+    for name in ("crsfd", "crsfd_no_free_space", "crsfd_same_gamma", "rsgm"):
         assert algorithms.load(name).draws_demos(given, options) == draws
     assert algorithms.load("sacfd").draws_demos(given, options)
 

@@ -8,34 +8,21 @@ moved as it may have: the potential is their value averaged over the places of t
 that is fitted to the demonstrated place alone has its top there, beside the hole. Demonstrations
 whose sockets had moved themselves are moved by what is left of the square.
 
-Where the square of the new task is wider than theirs, demonstrations only fit the potential. They
-insert without a search, and a policy that starts by learning from them as rows of the batches
-searches less (docs/when_shaping_helps.md); the potential says how deep, and leaves open where. In
-the warm-up they are imitated instead (training/warmup.py).
+Where the square of the new task is wider than theirs, demonstrations only fit the potential, which
+says how deep, and leaves open where. In the warm-up they are imitated (training/warmup.py).
 """
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from crsfd_jax.algorithms.method import Method, Preparation
+from crsfd_jax.algorithms.method import Method, Preparation, in_place, mismatch
 from crsfd_jax.config import Config
 from crsfd_jax.learn import potential
 from crsfd_jax.learn.replay import Batch
 from crsfd_jax.learn.shaping import shape_reward
 from crsfd_jax.observation import POSE_SCALE, TIP_POSE
-
-
-def mismatch(preparation: Preparation, config: Config) -> Any:
-    """m, side of the square in which the socket stands, less that of the demonstrations."""
-    return config.shift - preparation.demo_shift
-
-
-def draws_demos(preparation: Preparation, config: Config) -> Any:
-    """Whether demonstrations are learned from as rows of the buffer, too."""
-    return mismatch(preparation, config) <= 0
 
 
 def prepare(key: jax.Array, preparation: Preparation, config: Config) -> potential.FittedPotential:
@@ -70,4 +57,4 @@ def reward(fitted: potential.FittedPotential, batch: Batch, config: Config) -> B
     return batch.replace(one_step=shaped(batch.one_step), n_step=shaped(batch.n_step))
 
 
-METHOD = Method(draws_demos=draws_demos, prepare=prepare, reward=reward)
+METHOD = Method(draws_demos=in_place, prepare=prepare, reward=reward)

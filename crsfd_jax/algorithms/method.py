@@ -33,6 +33,20 @@ class Preparation(NamedTuple):
         return cls(transitions, free_space, demos.provenance.shift_m)
 
 
+def mismatch(preparation: Preparation, config: Config) -> Any:
+    """m, side of the square in which the socket stands, less that of the demonstrations."""
+    return config.shift - preparation.demo_shift
+
+
+def in_place(preparation: Preparation, config: Config) -> Any:
+    """Whether the socket stands where it stood in the demonstrations.
+
+    If it may stand beside, they insert without a search, and who learns from them as rows of the
+    batches searches less (docs/when_shaping_helps.md).
+    """
+    return mismatch(preparation, config) <= 0
+
+
 def _as_given(config: Config) -> Config:
     return config
 

@@ -6,8 +6,9 @@ ones. Both follow, for 1-step and n-step targets and priorities alike, from one 
 critic's output becomes Q = Q' + Phi, which is what such shaping amounts to (Wiewiora et al. 2003).
 Phi counts as zero beyond a terminal state, as Q does.
 
-Other than in its source the buffer keeps the demonstrations, so that only the shaping tells this
-method from SACfD and CRSfD; the potential has the width, steps and step size of CRSfD's.
+Other than in its source the buffer keeps the demonstrations, to be drawn where CRSfD draws them, so
+that only the shaping tells this method from CRSfD; the potential has the width, steps and step size
+of CRSfD's.
 
 Source: Wu, Mozifian, Shkurti 2021 (arXiv 2011.01298), the potential of a Wasserstein GAN.
 """
@@ -17,7 +18,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from crsfd_jax.algorithms.method import Method, Preparation
+from crsfd_jax.algorithms.method import Method, Preparation, in_place
 from crsfd_jax.config import Config
 from crsfd_jax.learn import wgan
 from crsfd_jax.learn.networks import Critic, Networks, Params, apply
@@ -64,4 +65,4 @@ def _pairs(obs: jax.Array, action: jax.Array) -> jax.Array:
     return jnp.concatenate([obs, action], axis=-1)
 
 
-METHOD = Method(prepare=prepare, networks=networks)
+METHOD = Method(draws_demos=in_place, prepare=prepare, networks=networks)

@@ -8,6 +8,7 @@ lies in it.
 
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -27,8 +28,9 @@ _JOIN = ("JAX_COORDINATOR_ADDRESS", "JAX_NUM_PROCESSES", "JAX_PROCESS_ID")
 def describe(config: Config) -> str:
     """Devices and engine of a run in words."""
     found = jax.devices()
-    kind = found[0].device_kind
-    cores = f", {len(os.sched_getaffinity(0))} cores" if jax.default_backend() == "cpu" else ""
+    kind, cores = found[0].device_kind, ""
+    if jax.default_backend() == "cpu":
+        kind, cores = _processor() or kind, f", {len(os.sched_getaffinity(0))} cores"
     return f"{len(found)} x {kind}{cores}, engine {select.resolve(config.engine)}"
 
 
@@ -129,6 +131,14 @@ def any_of(flag: bool) -> bool:
     if jax.process_count() == 1:
         return flag
     return bool(multihost_utils.process_allgather(np.array(flag)).any())
+
+
+def _processor() -> str:
+    """The model of this machine's processor, empty where the system does not tell it."""
+    told = Path("/proc/cpuinfo")
+    lines = told.read_text().splitlines() if told.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else ""
 
 
 def _collect_leaf(leaf):
