@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from report_runs import cells_of, make_run
 
-from crsfd_jax import shown_potential
+from crsfd_jax import free_space, shown_potential
 from crsfd_jax.config import Config, Potential
 from crsfd_jax.demos import builtin
 from crsfd_jax.observation import POSE_SCALE, TIP_POSE
@@ -83,7 +83,7 @@ def test_the_fitted_potential_rises_towards_the_end_of_the_demonstrations(monkey
     def sample(key, count):
         return jax.random.uniform(key, (count, 6), minval=-5.0, maxval=5.0)
 
-    monkeypatch.setattr(shown_potential.free_space, "make", lambda scene, extent: sample)
+    monkeypatch.setattr(free_space, "make", lambda scene, extent: sample)
     few = Potential(steps=300, hidden=(32,))
     phi, tracks = shown_potential.fit(dataclasses.replace(Config(), potential=few))
     poses = np.zeros((3, 6))
