@@ -19,7 +19,7 @@ from crsfd_jax.options import schedule
 from crsfd_jax.options.schedule import CHUNK_STEPS
 from crsfd_jax.storage import manifest
 from crsfd_jax.training import devices, train_step
-from crsfd_jax.training.program import build, fitted
+from crsfd_jax.training.program import build, compiled, fitted
 
 ROUNDS = 5
 
@@ -42,16 +42,14 @@ def measure(config: Config) -> dict:
     states = jax.block_until_ready(program.start(program.own))
     prepared = time.perf_counter() - began
     began = time.perf_counter()
-    actor, own, zero = states.agent.average_actor, program.own, jnp.int32(0)
-    advance = program.advance.lower(states, own, zero).compile()
-    evaluate = program.evaluate.lower(actor, own, zero).compile()
-    compiled = time.perf_counter() - began
+    program, own = compiled(program, states), program.own
+    compile_s = time.perf_counter() - began
     warm = -(-schedule.warmup_steps(config) // CHUNK_STEPS) + 1
     for i in range(warm):
-        states, _ = advance(states, own, jnp.int32(i * CHUNK_STEPS))
+        states, _ = program.advance(states, own, jnp.int32(i * CHUNK_STEPS))
     began = time.perf_counter()
     for i in range(warm, warm + ROUNDS):
-        states, _ = advance(states, own, jnp.int32(i * CHUNK_STEPS))
+        states, _ = program.advance(states, own, jnp.int32(i * CHUNK_STEPS))
     jax.block_until_ready(states.key)
     chunk = (time.perf_counter() - began) / ROUNDS
 
@@ -76,12 +74,12 @@ def measure(config: Config) -> dict:
     keys = jax.random.split(jax.random.key(0), (CHUNK_STEPS, config.seeds))
     physics_s = timed(jax.jit(physics), states.env, keys)
     updates_s = timed(jax.jit(updates), states, keys)
-    evaluation_s = timed(evaluate, states.agent.average_actor, own, zero)
+    evaluation_s = timed(program.evaluate, states.agent.average_actor, own, jnp.int32(0))
     total = schedule.total_steps(config)
     chunks, evaluations = total // CHUNK_STEPS, -(-total // schedule.evaluation_period(config))
     parts = {
         "prepare_s": prepared,
-        "compile_s": compiled,
+        "compile_s": compile_s,
         "physics_s": chunks * physics_s,
         "updates_s": chunks * updates_s,
         "rest_s": chunks * (chunk - physics_s - updates_s),

@@ -129,6 +129,14 @@ def assemble(
     return Program(own, start, advance, evaluate, mesh)
 
 
+def compiled(program: Program, states: TrainState) -> Program:
+    """The program with what is called again and again compiled for such states."""
+    own, zero = program.own, np.int32(0)
+    advance = program.advance.lower(states, own, zero).compile()
+    evaluate = program.evaluate.lower(states.agent.average_actor, own, zero).compile()
+    return program._replace(advance=advance, evaluate=evaluate)
+
+
 def _with_all_shapes(configs: Sequence[Config]) -> Config:
     """The first run's options, with a scene for every run."""
     names = dict.fromkeys(name for config in configs for name in shapes.read(config.shape))

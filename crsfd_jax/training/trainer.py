@@ -35,7 +35,7 @@ from crsfd_jax.storage.leaves import stored_bytes
 from crsfd_jax.storage.run_folder import RunFolder
 from crsfd_jax.training import bookkeeping, devices, standing
 from crsfd_jax.training.bookkeeping import Run
-from crsfd_jax.training.program import Program, build, fitted
+from crsfd_jax.training.program import Program, build, compiled, fitted
 from crsfd_jax.training.standing import Standing
 from crsfd_jax.training.train_step import TrainState
 
@@ -194,11 +194,9 @@ def _told(program: Program, found: Sequence) -> tuple[TrainState, list[dict]]:
 def _compiled(program: Program, states: TrainState) -> Program:
     say("compiling one chunk of training steps and the evaluation ...")
     began = time.monotonic()
-    actor, own, zero = states.agent.average_actor, program.own, np.int32(0)
-    advance = program.advance.lower(states, own, zero).compile()
-    evaluate = program.evaluate.lower(actor, own, zero).compile()
+    ready = compiled(program, states)
     say(f"compiled  in {time.monotonic() - began:.1f} s")
-    return program._replace(advance=advance, evaluate=evaluate)
+    return ready
 
 
 def _save(runs: Sequence[Run], states: TrainState) -> float:
