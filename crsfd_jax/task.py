@@ -3,6 +3,7 @@
 import functools
 from typing import Any
 
+import jax
 import numpy as np
 
 from crsfd_jax import config, env
@@ -34,12 +35,15 @@ def shapes_known(options: config.Config) -> tuple[str, ...]:
 @functools.cache
 def _engine(name, parts, shapes):
     scene = build(parts, shapes)
-    return select.make(name, scene), scene
+    # What is kept must be no part of the program that happens to be traced.
+    with jax.ensure_compile_time_eval():
+        return select.make(name, scene), scene
 
 
 @functools.cache
 def _start_pool(parts: config.Scene) -> np.ndarray:
-    return randomize.start_pool(chain(build(parts)))
+    with jax.ensure_compile_time_eval():
+        return randomize.start_pool(chain(build(parts)))
 
 
 def make_env(

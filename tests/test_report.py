@@ -368,6 +368,24 @@ def test_figures_are_laid_out_as_in_the_paper(tmp_path):
     assert [len(panel.cells) for panel in drawn["ablation"].panels] == [3, 3, 3, 3]
 
 
+def test_shorter_runs_on_new_shapes_have_their_own_figure_and_the_ablation_equal_steps(tmp_path):
+    paper_like(tmp_path)
+    for shape in "13":
+        for method in ("crsfd", "sqil"):
+            make_run(tmp_path / f"long{method}{shape}", method, shape, steps=2000)
+    drawn = {figure.name: figure for figure in layout.figures(cells_of(tmp_path))}
+    assert list(drawn) == ["setting1", "setting1_1k", "setting2", "setting2_wide", "ablation"]
+    planned = {
+        name: [{c.method: c.planned_steps for c in p.cells} for p in drawn[name].panels]
+        for name in ("setting1", "setting1_1k", "ablation")
+    }
+    assert [panel["crsfd"] for panel in planned["setting1"]] == [2000, 1000, 2000, 1000]
+    assert [panel["sac"] for panel in planned["setting1"]] == [1000] * 4
+    assert [len(panel.cells) for panel in drawn["setting1_1k"].panels] == [9] * 4
+    assert {steps for panel in planned["setting1_1k"] for steps in panel.values()} == {1000}
+    assert [panel["crsfd"] for panel in planned["ablation"]] == [1000] * 4
+
+
 def test_runs_that_fit_no_figure_of_the_paper_get_a_panel_for_each_task(tmp_path):
     make_run(tmp_path / "a", "crsfd", "2", 1)
     make_run(tmp_path / "b", "sac", "2", 1)

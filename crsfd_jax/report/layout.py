@@ -14,6 +14,7 @@ from crsfd_jax.report.words import by_size
 SETTING1 = tuple(Task(shape, 0.0) for shape in "1234")
 SETTING2 = tuple(Task(shape, shift) for shape in "20" for shift in (4.0, 6.0, 8.0))
 """In rows; the demonstrated task, shape 0 without a shift, would stand below on the left."""
+_NEW = "New shapes, socket where it was"
 _COLUMNS = 4
 
 
@@ -35,22 +36,42 @@ class Figure(NamedTuple):
 
 
 def figures(cells: Sequence[Cell]) -> list[Figure]:
-    """The figures that show every method and variant of each task at least once."""
-    cells = longest(cells)
+    """The figures that show every method and variant of each task at least once.
+
+    By its longest runs; on new shapes, where those hardly differ, by shorter ones too.
+    """
     usual = [cell for cell in cells if not cell.variant]
-    trained = [cell for cell in usual if cell.method not in ARMS]
+    trained = longest([cell for cell in usual if cell.method not in ARMS])
     pair = [cell for cell in trained if cell.method in (OURS, PLAIN)]
     others = {cell.task for cell in trained if cell.method not in (OURS, PLAIN)}
     wide = [task for task in SETTING2 if task in others]
     made = [
-        _grid("setting1", "New shapes, socket where it was", 2, SETTING1, trained),
+        _grid("setting1", _NEW, 2, SETTING1, trained),
+        *_shorter([cell for cell in usual if cell.method not in ARMS]),
         _grid("setting2", "Shapes and shifts, CRSfD and the best baseline", 3, SETTING2, pair),
         _grid("setting2_wide", "All methods, the socket moved", len(wide), wide, trained),
         _ablation(usual),
     ]
     made = [figure for figure in made if figure]
     drawn = {id(cell) for figure in made for panel in figure.panels for cell in panel.cells}
-    return made + _others(cells, drawn)
+    return made + _others(longest(cells), drawn)
+
+
+def _shorter(cells: Sequence[Cell]) -> list[Figure | None]:
+    """New shapes over each number of steps that a method has on one of them beside a larger one."""
+    new = [cell for cell in cells if cell.task in SETTING1]
+    kept = {id(cell) for cell in longest(new)}
+    counts = {cell.planned_steps for cell in new if cell.interacts and id(cell) not in kept}
+    return [
+        _grid(
+            f"setting1_{steps / 1000:g}k",
+            f"{_NEW}, runs of {steps:,} environment steps",
+            2,
+            SETTING1,
+            [cell for cell in new if cell.planned_steps == steps or not cell.interacts],
+        )
+        for steps in sorted(counts, reverse=True)
+    ]
 
 
 def _grid(
@@ -64,9 +85,14 @@ def _grid(
 
 
 def _ablation(cells: Sequence[Cell]) -> Figure | None:
-    tasks = sorted({cell.task for cell in cells if cell.method in ARMS})
-    arms = [cell for cell in cells if cell.method in (OURS, *ARMS)]
-    panels = [Panel(str(task), tuple(c for c in arms if c.task == task)) for task in tasks]
+    """The arms, and CRSfD over as many steps, or its longest runs if it has none such."""
+    arms, panels = longest([cell for cell in cells if cell.method in ARMS]), []
+    for task in sorted({cell.task for cell in arms}):
+        here = [cell for cell in arms if cell.task == task]
+        steps = max(cell.planned_steps for cell in here)
+        whole = [cell for cell in cells if (cell.method, cell.task) == (OURS, task)]
+        whole.sort(key=lambda cell: cell.planned_steps != steps)
+        panels.append(Panel(str(task), (*whole[:1], *here)))
     caption = "Ablation of the two conservative parts of CRSfD"
     return (
         Figure("ablation", caption, min(_COLUMNS, len(panels)), tuple(panels)) if panels else None

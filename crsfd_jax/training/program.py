@@ -101,12 +101,9 @@ def assemble(
     first, method = configs[0], algorithms.load(configs[0].algorithm)
     own = _own(configs)
     mesh = devices.mesh(len(own.seed))
-    of_first = jax.tree.map(lambda values: values[0], own)
 
     def learner_of(own: Own) -> Learner:
         return train_step.make(make_env(own), method, dataclasses.replace(first, shift=own.shift))
-
-    nets = learner_of(of_first).nets
 
     @jax.vmap
     def begin(own: Own) -> TrainState:
@@ -118,8 +115,8 @@ def assemble(
     def play(actor: Any, own: Own, env_steps: jax.Array) -> evaluation.Episodes:
         def one(actor, own):
             key = jax.random.fold_in(jax.random.key(own.seed), _FRESH)
-            key, env = jax.random.fold_in(key, env_steps), make_env(own)
-            return evaluation.run(env, nets, actor, key, first.evaluation.episodes)
+            key, nets = jax.random.fold_in(key, env_steps), learner_of(own).nets
+            return evaluation.run(make_env(own), nets, actor, key, first.evaluation.episodes)
 
         return jax.vmap(one)(actor, own)
 
