@@ -114,8 +114,8 @@ class Replay:
     demo_bonus: Weight = 0.1
     """Added to the priority of a demonstration."""
     draw_demos: Literal["auto", "yes", "no"] = "auto"
-    """Whether demonstrations are drawn into batches; auto: yes, but for CRSfD no where the socket
-    may stand in a wider square than theirs."""
+    """Whether demonstrations are drawn into batches; auto: for CRSfD and RS-GM unless the socket
+    may stand in a wider square than theirs, for GAIL, GAIfO and POfD never, for others always."""
     n_step: Annotated[int, Interval(1, 1000)] = 3
     """Length of the n-step return used beside the 1-step return."""
     n_step_weight: Weight = 1.0
@@ -212,8 +212,10 @@ def to_dict(config: Config) -> dict:
     return dataclasses.asdict(config)
 
 
-_BEFORE = {"sac": {"reward_scale": 1.0, "actor_tau": 1.0}, "replay": {"draw_demos": "yes"}}
-"""What was done before an option could be chosen, where its default is something else."""
+def _before(algorithm: Any) -> dict[str, dict[str, Any]]:
+    """What was done before an option could be chosen, where its default is something else."""
+    drew = {"draw_demos": "yes"} if str(algorithm).startswith(("crsfd", "rsgm")) else {}
+    return {"sac": {"reward_scale": 1.0, "actor_tau": 1.0}, "replay": drew}
 
 
 def from_dict(values: Mapping[str, Any]) -> Config:
@@ -225,7 +227,7 @@ def from_dict(values: Mapping[str, Any]) -> Config:
     Raises:
       UserError: an option is unknown, or its value is of another kind.
     """
-    for part, before in _BEFORE.items():
+    for part, before in _before(values.get("algorithm", Config.algorithm)).items():
         if isinstance(given := values.get(part), Mapping):
             values = {**values, part: {**before, **given}}
     return _rebuild(Config, values)

@@ -1,7 +1,8 @@
 """Behaves as `python -m crsfd_jax.train` does on disk and to signals, in a second, without jax.
 
 FAKE_FAIL="CELL KIND, CELL KIND" makes it go wrong in those cells: crash (always, after a step),
-usage (exit 2), once (killed after its second step, the first time), stop (exit 75 at once).
+usage (exit 2), once (killed after its second step, the first time), stop (exit 75 at once),
+crowded (exit 75 at once if there are others in its process).
 """
 
 import os
@@ -35,7 +36,7 @@ def run_one(config: Config, argv: list[str]) -> int:
         for env_steps in range(done * config.envs + STEP, config.steps + 1, STEP):
             if interrupt.requested:
                 return STOPPED
-            misbehave(folder.path, env_steps)
+            misbehave(folder.path, env_steps, together.MARK in argv)
             time.sleep(float(os.environ.get("FAKE_STEP_S", "0.02")))
             metrics.append(folder.metrics, rows(config, env_steps))
             (folder.checkpoints / str(env_steps // config.envs)).mkdir()
@@ -48,13 +49,15 @@ def rows(config: Config, env_steps: int) -> list[dict[str, float]]:
     return [row | {"seed": config.seed + i} for i in range(config.seeds)]
 
 
-def misbehave(folder, env_steps: int) -> None:
+def misbehave(folder, env_steps: int, is_crowded: bool) -> None:
     wrong = os.environ.get("FAKE_FAIL", "").split(", ")
     kind = next((word.split()[1] for word in wrong if word.startswith(f"{folder.name} ")), "")
     if kind == "usage":
         raise UserError("--this: cannot be used")
     if kind == "stop":
         raise UserError("the disk is full", STOPPED)
+    if kind == "crowded" and is_crowded:
+        raise UserError("out of memory", STOPPED)
     if kind == "crash" and env_steps > STEP:
         raise RuntimeError("something broke")
     first = len((folder / "starts").read_text().split()) == 1

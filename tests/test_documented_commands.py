@@ -16,7 +16,8 @@ from crsfd_jax import sweep
 from crsfd_jax.demos import builtin
 from crsfd_jax.sweeps import cells
 
-SMOKE = "--smoke --steps 2048 --potential.steps 20"
+SMALL = "--smoke --steps 2048"
+SMOKE = f"{SMALL} --potential.steps 20"
 EXPERT = "--enough 0.3 --episodes 10"
 TRAIN, DEMOS = "python -m crsfd_jax.train", "python -m crsfd_jax.demos"
 EVALUATE, SWEEP = "python -m crsfd_jax.evaluate", "python -m crsfd_jax.sweep --experiment"
@@ -30,9 +31,9 @@ RECORDED = {
 the file's place afterwards."""
 IN_ORDER = {
     f"{TRAIN} --shape 2 --shift 8mm --steps 300000": f"{SMOKE} --out runs/NAME",
-    f"{TRAIN} --shape all --algorithm sacfd": SMOKE,
+    f"{TRAIN} --shape all --algorithm sacfd": SMALL,
     f"{TRAIN} --algorithm crsfd --shape 2": SMOKE,
-    f"{TRAIN} --algorithm sqil --shape 2 --smoke": SMOKE,
+    f"{TRAIN} --algorithm sqil --shape 2 --smoke": SMALL,
     f"{TRAIN} --shape plus.txt": SMOKE,
     f"{TRAIN} --shape plus.txt --shift 4mm": SMOKE,
     f"{TRAIN} --shape 0,plus.txt --steps 300000": SMOKE,

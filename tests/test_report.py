@@ -301,6 +301,32 @@ def test_of_runs_of_several_lengths_those_with_most_evaluations_in_common_are_co
     assert any("SQIL was given 600 steps, others 1,000" in line for line in gaps.lines(found, []))
 
 
+def test_of_several_lengths_the_one_that_all_tasks_and_most_seeds_have_is_compared(tmp_path):
+    for method, start in (("crsfd", 0), ("sqil", 200)):
+        short = {"values": rising(start)[:6], "steps": 600}
+        make_run(tmp_path / f"{method}1", method, "1", values=rising(start))
+        make_run(tmp_path / f"{method}2", method, "1", **short)
+        make_run(tmp_path / f"{method}3", method, "1", seed=5, **short)
+        make_run(tmp_path / f"{method}4", method, "3", **short)
+        make_run(tmp_path / f"{method}5", method, "4", values=rising(start))
+        make_run(tmp_path / f"{method}6", method, "4", **short)
+    make_run(tmp_path / "bc", "bc", "3")
+    book = pairing.index(cells_of(tmp_path))
+
+    def steps(shapes, theirs="sqil"):
+        tasks = [Task(shape, 0.0) for shape in shapes]
+        kept = pairing.pairs([(book["crsfd", task], book[theirs, task]) for task in tasks])
+        return [(ours.steps, other.steps) for ours, other in kept]
+
+    assert steps("1") == [(600, 600)], "ten seeds before five"
+    assert steps("4") == [(1000, 1000)], "of as many seeds, more evaluations"
+    assert steps("34") == [(600, 600)] * 2, "as many steps on all tasks"
+    assert steps("14") == [(1000, 1000)] * 2, "the fewest seeds of a task count"
+    assert steps("3", "bc") == [(600, 1000)], "what does not interact has any number of steps"
+    part = evidence.ahead(book, [Task("1", 0.0), Task("3", 0.0)], "crsfd", "sqil", "area")
+    assert part.numbers.endswith("1k steps") and part.verdict == HOLDS
+
+
 def test_leads_are_those_of_equal_steps_and_variant_variants_last(tmp_path, monkeypatch):
     few = {"demo_episodes": 1}
     for name, method, start in (("a", "crsfd", 0), ("b", "sacfd", 200)):

@@ -15,7 +15,7 @@ import pytest
 from crsfd_jax import sweep
 from crsfd_jax.config import ALGORITHMS, Config, Evaluation
 from crsfd_jax.demos import builtin
-from crsfd_jax.errors import UserError
+from crsfd_jax.errors import STOPPED, UserError
 from crsfd_jax.options.randomisation import TRAINING
 from crsfd_jax.options.run_name import run_name
 from crsfd_jax.storage import artefacts, metrics
@@ -428,9 +428,17 @@ def test_a_cell_that_crashes_does_not_fail_those_beside_it(file, out, monkeypatc
     assert "2 done, 1 failed" in capsys.readouterr().out
 
 
+def test_a_group_that_stops_by_itself_goes_on_as_single_cells(file, out, monkeypatch, capsys):
+    monkeypatch.setenv("FAKE_FAIL", f"{NAMES[1]} crowded")
+    assert swept(file, "--together", "3") == 0
+    assert [len(starts(out, name)) for name in NAMES] == [1, 2, 1]
+    for name in NAMES:
+        assert_whole(out, name)
+
+
 def test_a_run_started_by_hand_leaves_those_beside_it_to_the_sweep(file, out, monkeypatch):
     """Started in the moment between the look at its lock and the start of the group."""
-    monkeypatch.setenv("FAKE_STEP_S", "1")
+    monkeypatch.setenv("FAKE_STEP_S", "5")
     chosen = cells.load(str(file)).cells
     process = subprocess.Popen([*FAKE, *chosen[1].arguments, "--out", str(out / NAMES[1])])
     wait_for(lambda: (out / NAMES[1] / "metrics.csv").is_file())
@@ -440,7 +448,8 @@ def test_a_run_started_by_hand_leaves_those_beside_it_to_the_sweep(file, out, mo
     monkeypatch.setattr(state, "is_held", lambda path: next(looks, is_held(path)))
     ended = {end.name: end.word for end in attempt.run_group(chosen, Plan(out, FAKE))}
     assert ended == dict(zip(NAMES, ("done", "busy", "done"), strict=True))
-    assert process.wait(timeout=60) == 0
+    process.terminate()
+    assert process.wait(timeout=60) == STOPPED
 
 
 def test_the_log_of_a_cell_that_is_busy_is_let_go(file, out, monkeypatch):

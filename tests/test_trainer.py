@@ -18,7 +18,7 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.options.schedule import CHUNK_STEPS, evaluation_period, total_steps
 from crsfd_jax.options.smoke import smoke_sized
 from crsfd_jax.storage import artefacts, metrics
-from crsfd_jax.sweeps import state
+from crsfd_jax.sweeps import cells, state
 from crsfd_jax.training import trainer
 from crsfd_jax.training.program import fitted
 
@@ -124,6 +124,21 @@ def test_a_run_without_its_checkpoints_does_not_start_over(whole, tmp_path):
             )
             for name in ("sac", "bc")
         ),
+        (Config(algorithm="bc", sac=Sac(warmup="random")), "bc does not act before"),
+        *(
+            (
+                Config(algorithm=name, replay=Replay(demo_bonus=0.5)),
+                f"--replay.demo-bonus: got 0.5, but {name} has no use",
+            )
+            for name in ("sac", "gail", "rlpd", "sqil", "bc")
+        ),
+        *(
+            (
+                Config(algorithm=name, potential=Potential(gamma=0.9)),
+                f"--potential.gamma: got 0.9, but {name} has no use",
+            )
+            for name in ("sacfd", "rsgm", "gail", "bc")
+        ),
         (Config(mdp=Mdp(translation_scale=0.02)), "the action scale .*0.01.*, expected .*0.02"),
     ],
 )
@@ -139,6 +154,15 @@ def test_what_a_method_or_the_demonstrations_fix_is_refused_before_a_folder_is_m
 def test_what_a_method_sets_by_itself_is_not_refused():
     for name in ALGORITHMS:
         algorithms.refuse_replaced(Config(algorithm=name, sac=Sac(gamma=0.97)))
+        algorithms.refuse_replaced(smoke_sized(Config(algorithm=name, smoke=True)))
+    algorithms.refuse_replaced(Config(algorithm="rsgm", potential=Potential(hidden=(8,))))
+    algorithms.refuse_replaced(Config(algorithm="crsfd_same_gamma", potential=Potential(steps=9)))
+
+
+def test_no_experiment_asks_for_what_its_method_does_not_use():
+    for path in cells.available():
+        for cell in cells.load(path.stem).cells:
+            algorithms.refuse_replaced(cell.config)
 
 
 def test_a_target_decides_the_exit_code_and_may_change(whole):

@@ -1,7 +1,7 @@
 """The learning methods: a file each, found by its name."""
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from crsfd_jax.algorithms.method import Method
@@ -9,6 +9,11 @@ from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
 from crsfd_jax.learn import replay
 from crsfd_jax.options.names import by_full_name
+from crsfd_jax.options.smoke import smoke_sized
+
+_PRIORITIES = ("priority_exponent", "importance_exponent", "priority_floor", "demo_bonus")
+_OF_METHODS = "potential."
+"""Options that the common learner has no use for."""
 
 
 def load(name: str) -> Method:
@@ -17,7 +22,7 @@ def load(name: str) -> Method:
 
 
 def refuse_replaced(config: Config) -> None:
-    """Refuses a value that was asked for and that the method would put another in the place of.
+    """Refuses a value that was asked for and that the method would not use.
 
     Raises:
       UserError: there is one.
@@ -31,14 +36,31 @@ def refuse_replaced(config: Config) -> None:
 
 def _replaced(method: Method, config: Config) -> Iterator[tuple[str, Any, str]]:
     """Options whose value is not used, the value, and what is so instead."""
-    if config.sac.warmup == "demos" and not (method.uses_demos and method.interacts):
+    if config.sac.warmup != "auto" and not method.interacts:
+        yield "sac.warmup", config.sac.warmup, "does not act before it is evaluated"
+    elif config.sac.warmup == "demos" and not method.uses_demos:
         yield "sac.warmup", "demos", "has none to imitate"
     by_priority = method.uses_demos and method.draw is replay.draw
     if config.replay.draw_demos != "auto" and not by_priority:
         yield "replay.draw_demos", config.replay.draw_demos, "does not draw by priority"
+    default = smoke_sized(Config()) if config.smoke else Config()
     usual, given, used = (
-        by_full_name(to_dict(each)) for each in (Config(), config, method.configure(config))
+        by_full_name(to_dict(each)) for each in (default, config, method.configure(config))
     )
+    unused = {*_unused(method, usual)}
     for name, value in given.items():
         if value not in (usual[name], used[name]):
             yield name, value, f"always has {used[name]}"
+        elif value != usual[name] and name in unused:
+            yield name, value, "has no use for it"
+
+
+def _unused(method: Method, names: Iterable[str]) -> Iterator[str]:
+    """Options that mean something to other methods only."""
+    weighs = method.configure(Config()).replay.priority_exponent > 0
+    if method.draw is not replay.draw or not weighs:
+        yield from (f"replay.{name}" for name in _PRIORITIES)
+    for name in names:
+        own = any(f"{name}.".startswith(f"{each}.") for each in method.options)
+        if name.startswith(_OF_METHODS) and not own:
+            yield name

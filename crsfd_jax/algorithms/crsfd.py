@@ -57,4 +57,4 @@ def reward(fitted: potential.FittedPotential, batch: Batch, config: Config) -> B
     return batch.replace(one_step=shaped(batch.one_step), n_step=shaped(batch.n_step))
 
 
-METHOD = Method(draws_demos=in_place, prepare=prepare, reward=reward)
+METHOD = Method(options=("potential",), draws_demos=in_place, prepare=prepare, reward=reward)

@@ -78,13 +78,16 @@ def _common(prepared: Any, nets: Networks, config: Config) -> Networks:
 class Method(NamedTuple):
     """A method as differences from SAC with demonstrations (SACfD).
 
-    The hooks are named in the order in which a training step calls them.
+    The hooks stand in the order in which a training step calls them.
     """
 
     uses_demos: bool = True
     """Whether demonstrations are pinned in the replay buffer."""
     interacts: bool = True
     """Whether the policy acts in the environment while it learns."""
+    options: tuple[str, ...] = ()
+    """Options of the group potential that the method reads, or the whole group; asked for with a
+    method that does not, they are refused."""
     configure: Callable[[Config], Config] = _as_given
     """Options that the method fixes."""
     draws_demos: Callable[[Preparation, Config], Any] = _always

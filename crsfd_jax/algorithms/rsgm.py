@@ -65,4 +65,9 @@ def _pairs(obs: jax.Array, action: jax.Array) -> jax.Array:
     return jnp.concatenate([obs, action], axis=-1)
 
 
-METHOD = Method(draws_demos=in_place, prepare=prepare, networks=networks)
+METHOD = Method(
+    options=("potential.steps", "potential.learning_rate", "potential.hidden"),
+    draws_demos=in_place,
+    prepare=prepare,
+    networks=networks,
+)

@@ -18,8 +18,8 @@ from crsfd_jax.report.words import in_words
 # What a run is told apart by, or what says nothing about what is learned.
 _ASIDE = {"algorithm", "shape", "shift", "seed", "seeds", "steps", "replay.capacity"}
 _ASIDE |= {*MAY_CHANGE} - {"engine"}
-_OWN = "potential."
-"""Options that mean something to some methods only."""
+_OWN = "potential.", "replay.draw_demos"
+"""Options that mean something to some methods only, or another thing."""
 
 
 class Task(NamedTuple):

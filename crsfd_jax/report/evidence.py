@@ -8,7 +8,7 @@ import numpy as np
 from crsfd_jax.report import statistics, summary
 from crsfd_jax.report.cells import Cell, Task
 from crsfd_jax.report.methods import style
-from crsfd_jax.report.pairing import Book, pair
+from crsfd_jax.report.pairing import Book, pairs
 from crsfd_jax.report.statistics import Estimate
 from crsfd_jax.report.trials import Trials
 from crsfd_jax.report.words import counted
@@ -34,7 +34,8 @@ RULES = (
     "Steps to a level are compared as they are, without an interval.",
     f"The rest is undecided, and so is what has no finished runs with {FEWEST_SEEDS} seeds.",
     "Two methods are compared by the evaluations that both have, up to the steps named; these are "
-    "whole calls of the compiled program, 41k where 40k were asked for.",
+    "whole calls of the compiled program, 41k where 40k were asked for. Of runs over several "
+    "numbers of steps those with more seeds count, then those with more evaluations.",
 )
 
 
@@ -184,13 +185,13 @@ def _scores(
     book: Book, tasks: Sequence[Task], ours: str, theirs: str
 ) -> list[summary.Scores] | str:
     """Scores of two methods on each task, or what is missing for them, in words."""
+    usable = [(_usable(book, ours, task), _usable(book, theirs, task)) for task in tasks]
     found = []
-    for task in tasks:
-        where = f" on {task}" if len(tasks) > 1 else ""
-        first, second = (_usable(book, method, task) for method in (ours, theirs))
+    places = [f" on {task}" if len(tasks) > 1 else "" for task in tasks]
+    for (first, second), where in zip(usable, places, strict=True):
         if not first or not second:
             return f"no run of {_label(theirs if first else ours)}{where}"
-        two = pair(first, second)
+    for two, where in zip(pairs(usable), places, strict=True):
         lacking = _lacking(two[0]) or _lacking(two[1])
         if lacking:
             return lacking + where

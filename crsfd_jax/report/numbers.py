@@ -16,7 +16,8 @@ _WORDS = (
     "area: under the curve of success, over the steps",
     "exploring: the same of the episodes of training, warm-up included",
     "differences: first minus second, with the 95 % interval, Student's t over the seeds that both "
-    "have; positive where the first is ahead",
+    "have (where each has some that the other lacks, paired in their order); positive where the "
+    "first is ahead",
 )
 
 

@@ -33,13 +33,21 @@ def longest(cells: Sequence[Cell]) -> list[Cell]:
     return list(kept.values())
 
 
-def pair(ours: Sequence[Cell], theirs: Sequence[Cell]) -> tuple[Cell, Cell]:
-    """Of the cells of two methods on a task the two with the most evaluations in common.
+def pairs(tasks: Sequence[tuple[Sequence[Cell], Sequence[Cell]]]) -> list[tuple[Cell, Cell]]:
+    """A cell of each of two methods on each task.
+
+    Those of as many steps on all tasks where there are such, since areas over other steps do not
+    compare; then what is finished; then the most seeds and evaluations that both have.
 
     Args:
-      ours, theirs: at least one each.
+      tasks: the cells of both methods on each task, at least one each.
     """
-    return max(itertools.product(ours, theirs), key=lambda two: len(common_steps(*two)))
+    lengths = set.intersection(*(_lengths(*two) for two in tasks))
+    found = [
+        [_pair(*([c for c in cells if _has(c, steps)] for cells in two)) for two in tasks]
+        for steps in sorted(lengths, reverse=True)
+    ]
+    return max(found or [[_pair(*two) for two in tasks]], key=lambda kept: min(map(_weight, kept)))
 
 
 def rivals(cells: Sequence[Cell], ours: str) -> Rivals:
@@ -47,8 +55,8 @@ def rivals(cells: Sequence[Cell], ours: str) -> Rivals:
     book, found = index(cells), {}
     for (method, task), theirs in book.items():
         if method != ours and (ours, task) in book:
-            found.setdefault(method, []).append(pair(book[ours, task], theirs))
-    return found
+            found.setdefault(method, []).append((book[ours, task], theirs))
+    return {method: pairs(tasks) for method, tasks in found.items()}
 
 
 def meetings(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Cell]]:
@@ -73,6 +81,25 @@ def common_steps(ours: Cell, theirs: Cell) -> np.ndarray:
     """
     each = [_evaluated(cell) for cell in (ours, theirs) if cell.interacts]
     return np.array(sorted(set.intersection(*each))) if each else ours.curve.env_steps
+
+
+def _pair(ours: Sequence[Cell], theirs: Sequence[Cell]) -> tuple[Cell, Cell]:
+    return max(itertools.product(ours, theirs), key=_weight)
+
+
+def _weight(two: tuple[Cell, Cell]) -> tuple[bool, int, int]:
+    seeds = np.intersect1d(two[0].seeds, two[1].seeds)
+    return all(cell.finished for cell in two), len(seeds), len(common_steps(*two))
+
+
+def _lengths(ours: Sequence[Cell], theirs: Sequence[Cell]) -> set[int]:
+    """Planned steps of cells that one of both methods, or each if both interact, has."""
+    acting = [{c.planned_steps for c in cells if c.interacts} for cells in (ours, theirs)]
+    return set.intersection(*filter(None, acting)) if any(acting) else set()
+
+
+def _has(cell: Cell, steps: int) -> bool:
+    return cell.planned_steps == steps or not cell.interacts
 
 
 def _evaluated(cell: Cell) -> set[int]:
