@@ -295,7 +295,8 @@ def test_of_runs_of_several_lengths_those_with_most_evaluations_in_common_are_co
     assert [cell.steps for cell in pairing.longest(found)] == [1000, 1000, 600]
     part = evidence.ahead(pairing.index(found), [Task("2", 0.0)], "crsfd", "sqil", "area")
     assert "+0.000 [+0.000, +0.000]" in part.numbers
-    (figure,) = layout.figures(found)
+    short, figure = layout.figures(found)
+    assert [cell.steps for cell in short.panels[0].cells] == [600, 600]
     assert [cell.steps for cell in figure.panels[0].cells] == [1000, 1000, 600]
     assert not [line for line in gaps.lines(found, [figure]) if "CRSfD" in line]
     assert any("SQIL was given 600 steps, others 1,000" in line for line in gaps.lines(found, []))
@@ -578,6 +579,27 @@ def test_a_variant_that_several_methods_have_is_a_panel_of_its_own(tmp_path):
     plain, few = sorted(panels)
     assert few == f"{plain}, 1 demonstration" and panels[few] == ["", ""]
     assert sorted(panels[plain]) == ["", "", "engine mjx"]
+
+
+def test_a_variant_stands_beside_usual_runs_over_as_many_steps(tmp_path):
+    for method in ("crsfd", "sacfd"):
+        make_run(tmp_path / f"{method}1", method, steps=2000)
+        make_run(tmp_path / f"{method}2", method)
+    make_run(tmp_path / "few", demo_episodes=1)
+    make_run(tmp_path / "long", demo_episodes=5, steps=2000)
+    drawn = {figure.name: figure.panels for figure in layout.figures(cells_of(tmp_path))}
+    found = {
+        name: sorted((cell.method, cell.variant, cell.planned_steps) for cell in panel.cells)
+        for name, (panel,) in drawn.items()
+    }
+    assert found == {
+        f"tasks_{k}k": [
+            ("crsfd", "", 1000 * k),
+            ("crsfd", variant, 1000 * k),
+            ("sacfd", "", 1000 * k),
+        ]
+        for k, variant in ((1, "1 demonstration"), (2, "5 demonstrations"))
+    }
 
 
 def test_a_panel_whose_runs_are_all_of_one_variant_is_named_by_it(tmp_path):

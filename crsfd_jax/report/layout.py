@@ -54,7 +54,7 @@ def figures(cells: Sequence[Cell]) -> list[Figure]:
     ]
     made = [figure for figure in made if figure]
     drawn = {id(cell) for figure in made for panel in figure.panels for cell in panel.cells}
-    return made + _others(longest(cells), drawn)
+    return made + _others(cells, drawn)
 
 
 def _shorter(cells: Sequence[Cell]) -> list[Figure | None]:
@@ -103,25 +103,37 @@ def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
     """All methods of each task that holds a cell not drawn so far, a figure for equal steps.
 
     A variant that several methods have, or that no run of the task is without, is a task of its
-    own: its panel's title names it, and each method looks there as everywhere.
+    own: its panel's title names it, and each method looks there as everywhere. What has shorter
+    runs than the longest stands beside usual runs as short, if there are such.
     """
     methods: dict[tuple[Task, str], set[str]] = {}
     for cell in cells:
         methods.setdefault((cell.task, cell.variant), set()).add(cell.method)
+    usual = {(cell.task, cell.planned_steps) for cell in cells if not cell.variant}
+    kept = {id(cell) for cell in longest(cells) if not cell.variant}
 
-    def place(cell: Cell) -> tuple[Task, str]:
+    def place(cell: Cell) -> tuple[Task, str, int]:
         apart = len(methods[cell.task, cell.variant]) > 1 or (cell.task, "") not in methods
-        return cell.task, cell.variant if apart else ""
+        most = max((steps for task, steps in usual if task == cell.task), default=0)
+        is_shorter = cell.planned_steps < most and (cell.task, cell.planned_steps) in usual
+        steps = cell.planned_steps if is_shorter and id(cell) not in kept else 0
+        return cell.task, cell.variant if apart else "", steps
 
-    def panel(task: Task, variant: str) -> Panel:
-        here = [cell for cell in cells if place(cell) == (task, variant)]
+    def panel(task: Task, variant: str, steps: int) -> Panel:
+        beside = (task, "", steps) if not variant else None
+        here = [
+            cell
+            for cell in cells
+            if place(cell) == (task, variant, steps)
+            or (cell.task, cell.variant, cell.planned_steps) == beside
+        ]
         title = ", ".join(filter(None, (str(task), variant)))
         return Panel(title, tuple(c._replace(variant="") if variant else c for c in here))
 
     places = {place(cell) for cell in cells if id(cell) not in drawn}
     panels: dict[int, list[Panel]] = {}
-    for task, variant in sorted(places, key=lambda at: (by_size(at[1]), at[0])):
-        found = panel(task, variant)
+    for at in sorted(places, key=lambda at: (by_size(at[1]), at[0])):
+        found = panel(*at)
         panels.setdefault(max(cell.planned_steps for cell in found.cells), []).append(found)
     return [
         Figure(
