@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crsfd_jax import sweep
+from crsfd_jax import algorithms, sweep
 from crsfd_jax.config import ALGORITHMS, Config, Evaluation
 from crsfd_jax.demos import builtin
 from crsfd_jax.errors import STOPPED, UserError
@@ -95,6 +95,7 @@ def test_every_cell_of_an_experiment_is_a_run_of_its_own(path):
     assert len({cell.name for cell in found.cells}) == len(found.cells)
     for cell in found.cells:
         assert cell.name.startswith(f"{cell.config.algorithm}-shape")
+        algorithms.refuse_replaced(cell.config)
         is_short = path.stem in ("early", "sensitivity", "reward_scale")
         is_short |= path.stem == "controls" and not cell.config.shift
         budget = Config().steps if is_short else 300_000

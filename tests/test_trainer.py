@@ -18,7 +18,7 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.options.schedule import CHUNK_STEPS, evaluation_period, total_steps
 from crsfd_jax.options.smoke import smoke_sized
 from crsfd_jax.storage import artefacts, metrics
-from crsfd_jax.sweeps import cells, state
+from crsfd_jax.sweeps import state
 from crsfd_jax.training import trainer
 from crsfd_jax.training.program import fitted
 
@@ -157,12 +157,6 @@ def test_what_a_method_sets_by_itself_is_not_refused():
         algorithms.refuse_replaced(smoke_sized(Config(algorithm=name, smoke=True)))
     algorithms.refuse_replaced(Config(algorithm="rsgm", potential=Potential(hidden=(8,))))
     algorithms.refuse_replaced(Config(algorithm="crsfd_same_gamma", potential=Potential(steps=9)))
-
-
-def test_no_experiment_asks_for_what_its_method_does_not_use():
-    for path in cells.available():
-        for cell in cells.load(path.stem).cells:
-            algorithms.refuse_replaced(cell.config)
 
 
 def test_a_target_decides_the_exit_code_and_may_change(whole):
