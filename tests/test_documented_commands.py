@@ -114,6 +114,7 @@ NOT_RUN = {
     "tests/test_env.py": "is a part of the suite",
     "pip install -e '.[cuda,warp]'": "gigabytes, for NVIDIA GPUs",
     "pip install -e '.[cuda]'": "gigabytes, for NVIDIA GPUs",
+    f"{SWEEP} transfer --only 'crsfd-shape2-shift2mm-randomised-*'": "a whole run",
     f"{TRAIN} --shape 1 --and --shape 3 --shift 8mm": "two whole runs; test_sweep.py has a pair",
     f"{DEMOS} from-run runs/NAME --out next.npz": TRAINED,
     f"{DEMOS} from-run runs/NAME --out near.npz --shift 4mm --noise 1.5 --seed 2": TRAINED,
