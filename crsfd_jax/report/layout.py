@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from crsfd_jax.report.cells import Cell, Task
 from crsfd_jax.report.methods import ARMS
-from crsfd_jax.report.pairing import OURS, PLAIN, longest
+from crsfd_jax.report.pairing import OURS, PLAIN, longest, of_length
 from crsfd_jax.report.words import by_size
 
 SETTING1 = tuple(Task(shape, 0.0) for shape in "1234")
@@ -41,13 +41,14 @@ def figures(cells: Sequence[Cell]) -> list[Figure]:
     By its longest runs; on new shapes, where those hardly differ, by shorter ones too.
     """
     usual = [cell for cell in cells if not cell.variant]
-    trained = longest([cell for cell in usual if cell.method not in ARMS])
+    whole = [cell for cell in usual if cell.method not in ARMS]
+    trained = longest(whole)
     pair = [cell for cell in trained if cell.method in (OURS, PLAIN)]
     others = {cell.task for cell in trained if cell.method not in (OURS, PLAIN)}
     wide = [task for task in SETTING2 if task in others]
     made = [
         _grid("setting1", _NEW, 2, SETTING1, trained),
-        *_shorter([cell for cell in usual if cell.method not in ARMS]),
+        *_shorter(whole),
         _grid("setting2", "Shapes and shifts, CRSfD and the best baseline", 3, SETTING2, pair),
         _grid("setting2_wide", "All methods, the socket moved", len(wide), wide, trained),
         _ablation(usual),
@@ -68,7 +69,7 @@ def _shorter(cells: Sequence[Cell]) -> list[Figure | None]:
             f"{_NEW}, runs of {steps:,} environment steps",
             2,
             SETTING1,
-            [cell for cell in new if cell.planned_steps == steps or not cell.interacts],
+            of_length(new, steps),
         )
         for steps in sorted(counts, reverse=True)
     ]
@@ -110,23 +111,17 @@ def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
     for cell in cells:
         methods.setdefault((cell.task, cell.variant), set()).add(cell.method)
     usual = {(cell.task, cell.planned_steps) for cell in cells if not cell.variant}
+    shorter = {(task, n) for task, n in usual if any(task == t and n < more for t, more in usual)}
     kept = {id(cell) for cell in longest(cells) if not cell.variant}
 
     def place(cell: Cell) -> tuple[Task, str, int]:
         apart = len(methods[cell.task, cell.variant]) > 1 or (cell.task, "") not in methods
-        most = max((steps for task, steps in usual if task == cell.task), default=0)
-        is_shorter = cell.planned_steps < most and (cell.task, cell.planned_steps) in usual
-        steps = cell.planned_steps if is_shorter and id(cell) not in kept else 0
-        return cell.task, cell.variant if apart else "", steps
+        is_short = (cell.task, cell.planned_steps) in shorter and id(cell) not in kept
+        return cell.task, cell.variant if apart else "", cell.planned_steps if is_short else 0
 
     def panel(task: Task, variant: str, steps: int) -> Panel:
-        beside = (task, "", steps) if not variant else None
-        here = [
-            cell
-            for cell in cells
-            if place(cell) == (task, variant, steps)
-            or (cell.task, cell.variant, cell.planned_steps) == beside
-        ]
+        at = task, variant, steps
+        here = [c for c in cells if at in (place(c), (c.task, c.variant, c.planned_steps))]
         title = ", ".join(filter(None, (str(task), variant)))
         return Panel(title, tuple(c._replace(variant="") if variant else c for c in here))
 

@@ -33,6 +33,11 @@ def longest(cells: Sequence[Cell]) -> list[Cell]:
     return list(kept.values())
 
 
+def of_length(cells: Sequence[Cell], steps: int) -> list[Cell]:
+    """Cells that were given so many steps; what does not interact has any number of them."""
+    return [cell for cell in cells if cell.planned_steps == steps or not cell.interacts]
+
+
 def pairs(tasks: Sequence[tuple[Sequence[Cell], Sequence[Cell]]]) -> list[tuple[Cell, Cell]]:
     """A cell of each of two methods on each task.
 
@@ -44,7 +49,7 @@ def pairs(tasks: Sequence[tuple[Sequence[Cell], Sequence[Cell]]]) -> list[tuple[
     """
     lengths = set.intersection(*(_lengths(*two) for two in tasks))
     found = [
-        [_pair(*([c for c in cells if _has(c, steps)] for cells in two)) for two in tasks]
+        [_pair(*(of_length(cells, steps) for cells in two)) for two in tasks]
         for steps in sorted(lengths, reverse=True)
     ]
     return max(found or [[_pair(*two) for two in tasks]], key=lambda kept: min(map(_weight, kept)))
@@ -96,10 +101,6 @@ def _lengths(ours: Sequence[Cell], theirs: Sequence[Cell]) -> set[int]:
     """Planned steps of cells that one of both methods, or each if both interact, has."""
     acting = [{c.planned_steps for c in cells if c.interacts} for cells in (ours, theirs)]
     return set.intersection(*filter(None, acting)) if any(acting) else set()
-
-
-def _has(cell: Cell, steps: int) -> bool:
-    return cell.planned_steps == steps or not cell.interacts
 
 
 def _evaluated(cell: Cell) -> set[int]:

@@ -79,15 +79,10 @@ def _run_group(group: Group, plan: Plan, stopping: Stopping) -> list[CellResult]
             outcomes.append(CellResult(cell.name, "busy"))
             if log is not None:
                 log.close()
-        code = None
         if len(logs) > 1 and not stopping():
-            code = _run(command_of(logs, plan), logs, plan, "together", stopping)
+            _run(command_of(logs, plan), logs, plan, "together", stopping)
         for cell, log in logs.items():
-            # Stopped by itself, as without memory for all, each may have enough alone.
-            if code == STOPPED and stopping() and not state.is_done(plan.out, cell):
-                outcomes.append(CellResult(cell.name, "stopped"))
-            else:
-                outcomes.append(_run_to_end(cell, log, plan, stopping))
+            outcomes.append(_run_to_end(cell, log, plan, stopping))
             log.close()
     return outcomes
 
