@@ -95,7 +95,7 @@ def test_every_cell_of_an_experiment_is_a_run_of_its_own(path):
     assert len({cell.name for cell in found.cells}) == len(found.cells)
     for cell in found.cells:
         assert cell.name.startswith(f"{cell.config.algorithm}-shape")
-        algorithms.refuse_replaced(cell.config)
+        algorithms.refuse_unused(cell.config)
         is_short = path.stem in ("early", "sensitivity", "reward_scale")
         is_short |= path.stem == "controls" and not cell.config.shift
         budget = Config().steps if is_short else 300_000

@@ -139,6 +139,15 @@ def test_a_run_without_its_checkpoints_does_not_start_over(whole, tmp_path):
             )
             for name in ("sacfd", "rsgm", "gail", "bc")
         ),
+        (Config(algorithm="bc", sac=Sac(tau=0.01)), "--sac.tau: got 0.01, but bc has no use"),
+        (
+            Config(algorithm="bc", replay=Replay(n_step=5)),
+            "--replay.n-step: got 5, but bc has no use",
+        ),
+        (
+            Config(algorithm="crsfd_no_free_space", potential=Potential(free_space_extent=2.0)),
+            "--potential.free-space-extent: got 2.0, but crsfd_no_free_space has no use",
+        ),
         (Config(mdp=Mdp(translation_scale=0.02)), "the action scale .*0.01.*, expected .*0.02"),
     ],
 )
@@ -153,10 +162,10 @@ def test_what_a_method_or_the_demonstrations_fix_is_refused_before_a_folder_is_m
 
 def test_what_a_method_sets_by_itself_is_not_refused():
     for name in ALGORITHMS:
-        algorithms.refuse_replaced(Config(algorithm=name, sac=Sac(gamma=0.97)))
-        algorithms.refuse_replaced(smoke_sized(Config(algorithm=name, smoke=True)))
-    algorithms.refuse_replaced(Config(algorithm="rsgm", potential=Potential(hidden=(8,))))
-    algorithms.refuse_replaced(Config(algorithm="crsfd_same_gamma", potential=Potential(steps=9)))
+        algorithms.refuse_unused(Config(algorithm=name, sac=Sac(gamma=0.97)))
+        algorithms.refuse_unused(smoke_sized(Config(algorithm=name, smoke=True)))
+    algorithms.refuse_unused(Config(algorithm="rsgm", potential=Potential(hidden=(8,))))
+    algorithms.refuse_unused(Config(algorithm="crsfd_same_gamma", potential=Potential(steps=9)))
 
 
 def test_a_target_decides_the_exit_code_and_may_change(whole):

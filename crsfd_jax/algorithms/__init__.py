@@ -13,7 +13,7 @@ from crsfd_jax.options.smoke import smoke_sized
 
 _PRIORITIES = ("priority_exponent", "importance_exponent", "priority_floor", "demo_bonus")
 _OF_METHODS = "potential."
-"""Options that the common learner has no use for."""
+"""Group of options that the common learner has no use for."""
 
 
 def load(name: str) -> Method:
@@ -21,7 +21,7 @@ def load(name: str) -> Method:
     return importlib.import_module(f"crsfd_jax.algorithms.{name}").METHOD
 
 
-def refuse_replaced(config: Config) -> None:
+def refuse_unused(config: Config) -> None:
     """Refuses a value that was asked for and that the method would not use.
 
     Raises:
@@ -57,6 +57,7 @@ def _replaced(method: Method, config: Config) -> Iterator[tuple[str, Any, str]]:
 
 def _unused(method: Method, names: Iterable[str]) -> Iterator[str]:
     """Options that mean something to other methods only."""
+    yield from method.idle
     weighs = method.configure(Config()).replay.priority_exponent > 0
     if method.draw is not replay.draw or not weighs:
         yield from (f"replay.{name}" for name in _PRIORITIES)

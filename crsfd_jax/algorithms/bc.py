@@ -44,4 +44,11 @@ def update(
     return agent, error, {"actor_loss": loss}
 
 
-METHOD = Method(interacts=False, configure=configure, draw=halves.draw, update=update)
+_OF_CRITICS = ("critics", "tau", "initial_alpha", "target_entropy")
+METHOD = Method(
+    interacts=False,
+    idle=(*(f"sac.{name}" for name in _OF_CRITICS), "replay.n_step", "replay.n_step_weight"),
+    configure=configure,
+    draw=halves.draw,
+    update=update,
+)

@@ -15,4 +15,4 @@ def configure(config: Config) -> Config:
     return dataclasses.replace(config, potential=potential)
 
 
-METHOD = crsfd.METHOD._replace(configure=configure)
+METHOD = crsfd.METHOD._replace(configure=configure, idle=("potential.free_space_extent",))

@@ -88,6 +88,8 @@ class Method(NamedTuple):
     options: tuple[str, ...] = ()
     """Options of the group potential that the method reads, or the whole group; asked for with a
     method that does not, they are refused."""
+    idle: tuple[str, ...] = ()
+    """Options of the common learner that the method does not read; they are refused likewise."""
     configure: Callable[[Config], Config] = _as_given
     """Options that the method fixes."""
     draws_demos: Callable[[Preparation, Config], Any] = _always

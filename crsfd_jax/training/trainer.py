@@ -54,7 +54,7 @@ def train(configs: Sequence[Config], demos: Demonstrations) -> int:
     """
     for config in configs:
         check_units(demos, config.mdp.action_scale, CONTROL_DT)
-        algorithms.refuse_replaced(config)
+        algorithms.refuse_unused(config)
     asked, configs = configs, _fitted(configs)
     words = devices.describe(configs[0])
     with _places(configs) as paths, contextlib.ExitStack() as stack:
