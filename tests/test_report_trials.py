@@ -64,12 +64,14 @@ def test_trials_of_other_tasks_or_options_are_not_added_up(tmp_path):
     transfer_run(tmp_path / "far", successes=50, shift=8.0)
     transfer_run(tmp_path / "some", successes=10, randomisation=Randomisation(friction=(1.0, 1.1)))
     transfer_run(tmp_path / "few", successes=70, demo_episodes=5)
+    transfer_run(tmp_path / "joint", shape="all", successes=20)
     found, _ = found_in(tmp_path)
     assert sorted(told(found)) == [
         ("CRSfD, 2 mm, friction 1 1.1", "2", 50, 500),
         ("CRSfD, 2 mm, randomised", "2", 495, 500),
         ("CRSfD, 2 mm, randomised, 5 demonstrations", "2", 350, 500),
         ("CRSfD, 8 mm, randomised", "2", 250, 500),
+        ("CRSfD, one policy for several shapes, 2 mm, randomised", "all", 100, 500),
     ]
     assert evidence.above(found, "2", 0.92).verdict == HOLDS
     assert "0.990" in evidence.above(found, "2", 0.92).numbers

@@ -74,6 +74,11 @@ class Cell(NamedTuple):
         """Whether environment steps mean anything to the method."""
         return self.method not in WITHOUT_INTERACTION
 
+    @property
+    def is_joint(self) -> bool:
+        """Whether one policy is for several shapes."""
+        return len(shapes.read(self.runs[0].manifest.config.shape)) > 1
+
 
 def gather(runs: Sequence[Run]) -> tuple[list[Cell], list[str]]:
     """Sorts runs into cells; of the same seed twice, the longer run counts.

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from crsfd_jax.options import shapes
 from crsfd_jax.report import summary, tables
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import show, thousands
@@ -27,7 +26,7 @@ def find(cells: Sequence[Cell]) -> list[tuple[str, Table]]:
     finished = [cell for cell in cells if cell.finished]
     groups: dict[tuple[int, float], dict[tuple, list[tuple[Cell, Cell]]]] = {}
     for ours, theirs in sorted(meetings(finished), key=_order):
-        meeting = ours.method, ours.variant, theirs.method, theirs.variant, _several(ours)
+        meeting = ours.method, ours.variant, theirs.method, theirs.variant, ours.is_joint
         group = groups.setdefault((ours.planned_steps, ours.task.shift_mm), {})
         group.setdefault(meeting, []).append((ours, theirs))
     found = []
@@ -66,8 +65,3 @@ def _gaps(found: Sequence[Scores]) -> Iterator[str]:
     for what in ("area", "exploring", "final"):
         estimate = summary.difference(found, what)
         yield show(estimate, "+.3f") if np.isfinite(estimate.value) else "-"
-
-
-def _several(cell: Cell) -> bool:
-    """Whether one policy is for several shapes."""
-    return len(shapes.read(cell.runs[0].manifest.config.shape)) > 1

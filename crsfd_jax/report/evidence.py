@@ -26,12 +26,12 @@ RULES = (
     "Wilson's where that is wider.",
     "X over Y holds if the interval of the difference lies above 0, however little, and else does "
     f"not if it lies below {MARGIN:g}; alike: it lies within ±{MARGIN:g}.",
-    f"X like Y (X minus Y) holds if the interval lies within ±{MARGIN:g}, and does not if it lies "
+    f"X like Y holds if the interval lies within ±{MARGIN:g}, and does not if it lies "
     f"outside. X no worse than Y holds above -{MARGIN:g}, and does not below.",
     "X below a level holds if its interval lies below it, and does not if it lies above.",
     "Trials succeed as the paper's do if their interval lies above the paper's rate minus "
     f"{MARGIN:g}, and do not if it lies below.",
-    "Steps to a level are compared as they are, without an interval.",
+    "Steps to a level are compared as they are, without an interval; equal ones decide nothing.",
     f"The rest is undecided, and so is what has no finished runs with {FEWEST_SEEDS} seeds.",
     "Two methods are compared by the evaluations that both have, up to the steps named; these are "
     "whole calls of the compiled program, 41k where 40k were asked for. Of runs over several "
@@ -87,7 +87,7 @@ def close(book: Book, task: Task, ours: str, theirs: str, what: str) -> Part:
         outside = found.low > MARGIN or found.high < -MARGIN
         return HOLDS if within else FAILS if outside else OPEN
 
-    return _minus(book, task, ours, theirs, what, judge)
+    return _judged(book, task, (ours, "like", theirs), what, judge)
 
 
 def no_worse(book: Book, task: Task, ours: str, theirs: str) -> Part:
@@ -96,7 +96,7 @@ def no_worse(book: Book, task: Task, ours: str, theirs: str) -> Part:
     def judge(found: Estimate) -> str:
         return HOLDS if found.low > -MARGIN else FAILS if found.high < -MARGIN else OPEN
 
-    return _minus(book, task, ours, theirs, "final", judge)
+    return _judged(book, task, (ours, "no worse than", theirs), "final", judge)
 
 
 def later(book: Book, task: Task, ours: str, theirs: str) -> Part:
@@ -107,16 +107,17 @@ def later(book: Book, task: Task, ours: str, theirs: str) -> Part:
         return Part(OPEN, f"{subject}: {each}")
     first, second = each[0].learned
     said = " against ".join(thousands(steps) for steps in (second, first))
-    return Part(HOLDS if first < second else FAILS, f"{subject} {said}, {_steps(each)}")
+    verdict = HOLDS if first < second else FAILS if first > second else OPEN
+    return Part(verdict, f"{subject} {said}, {_steps(each)}")
 
 
 def wider(book: Book, far: Sequence[Task], near: Sequence[Task]) -> Part:
     """Whether the gap from CRSfD to SACfD is larger on some tasks than on others."""
-    subject = f"margin on {_names(far)} minus that on {_names(near)}"
+    subject = f"margin on {_names(far)} over that on {_names(near)}"
     each = _scores(book, [*far, *near], "crsfd", "sacfd")
     if isinstance(each, str):
         return Part(OPEN, f"{subject}: {each}")
-    gaps, seeds = [task.area_gap for task in each], [task.seeds for task in each]
+    gaps, seeds = [task.gap("area") for task in each], [task.seeds for task in each]
     weights = [1 / len(far)] * len(far) + [-1 / len(near)] * len(near)
     found = statistics.weighted_interval(gaps, seeds, weights)
     verdict = HOLDS if found.low > 0 else FAILS if found.high < MARGIN else OPEN
@@ -127,13 +128,15 @@ def below(book: Book, task: Task, method: str, level: float) -> Part:
     """Whether the final success of a method stays below a level."""
     subject = f"{task}: {_label(method)}"
     cells = _usable(book, method, task)
-    lacking = _lacking(cells[0]) if cells else f"no run of {_label(method)}"
-    if not cells or lacking:
+    if not cells:
+        return Part(OPEN, f"{subject}: no run of {_label(method)}")
+    cell = max(cells, key=lambda each: len(each.seeds))
+    if lacking := _lacking(cell):
         return Part(OPEN, f"{subject}: {lacking}")
-    found = statistics.mean_interval([statistics.final(*cells[0].curve)], [cells[0].seeds])
+    found = statistics.mean_interval([statistics.final(*cell.curve)], [cell.seeds])
     found = Estimate(*np.clip(found, 0, 1).tolist())
     verdict = HOLDS if found.high < level else FAILS if found.low >= level else OPEN
-    steps = f", {cells[0].steps / 1000:.0f}k steps" * cells[0].interacts
+    steps = f", {cell.steps / 1000:.0f}k steps" * cell.interacts
     return Part(verdict, f"{subject} {show(found)}{steps}")
 
 
@@ -163,11 +166,16 @@ def thousands(steps: float) -> str:
 _WORDS = {"final": "final success", "area": "area"}
 
 
-def _minus(
-    book: Book, task: Task, ours: str, theirs: str, what: str, judge: Callable[[Estimate], str]
+def _judged(
+    book: Book, task: Task, said: tuple[str, str, str], what: str, judge: Callable[[Estimate], str]
 ) -> Part:
-    """What is judged of the score of one method minus that of another."""
-    subject = f"{task}, {_WORDS[what]}: {_label(ours)} minus {_label(theirs)}"
+    """What is judged of the score of one method minus that of another.
+
+    Args:
+      said: the first method, how it is said to compare, and the second.
+    """
+    ours, relation, theirs = said
+    subject = f"{task}, {_WORDS[what]}: {_label(ours)} {relation} {_label(theirs)}"
     each = _scores(book, [task], ours, theirs)
     if isinstance(each, str):
         return Part(OPEN, f"{subject}: {each}")

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from crsfd_jax.report.cells import Cell, Task
-from crsfd_jax.report.layout import Figure
+from crsfd_jax.report.layout import TASKS, Figure
 from crsfd_jax.report.methods import style
 from crsfd_jax.report.pairing import longest
 from crsfd_jax.report.tables import name
@@ -36,8 +36,10 @@ def _missing(figures: Sequence[Figure]) -> list[str]:
     """Methods that a figure shows in some panels and not in others."""
     found = []
     for figure in figures:
+        if figure.name.startswith(TASKS):
+            continue
         methods = {c.method: None for panel in figure.panels for c in panel.cells if not c.variant}
-        for panel in figure.panels if figure.name != "tasks" else ():
+        for panel in figure.panels:
             absent = [m for m in methods if m not in {cell.method for cell in panel.cells}]
             if absent:
                 found.append(

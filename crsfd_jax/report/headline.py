@@ -10,7 +10,8 @@ from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import FAILS, HOLDS, OPEN, Claim, show
 from crsfd_jax.report.methods import WITHOUT_INTERACTION, style
 from crsfd_jax.report.pairing import Rivals, longest, rivals
-from crsfd_jax.report.summary import LEVEL, compare, scores, summarise
+from crsfd_jax.report.statistics import Estimate, weighted_interval
+from crsfd_jax.report.summary import LEVEL, Scores, difference, scores, summarise
 
 
 def sentences(cells: Sequence[Cell], claims: Sequence[Claim]) -> list[str]:
@@ -54,21 +55,21 @@ def _level(cells: Sequence[Cell], ours: str) -> str:
 def _contest(cells: Sequence[Cell], ours: str) -> list[str]:
     """Against the interacting method that comes closest, all on the same tasks."""
     block = _largest_block(rivals(cells, ours))
-    ahead = {method: _steps_ahead(pairs) for method, pairs in block.items()}
-    if not ahead or min(ahead.values()) == np.inf:
+    compared = {method: _compared(pairs) for method, pairs in block.items()}
+    ahead = {method: _steps_ahead(each) for method, each in compared.items() if each}
+    if not ahead:
         return []
-    rival = min(ahead, key=lambda method: ahead[method])
-    best = compare(block[rival])
-    assert best
-    where = f"{best.tasks} tasks" if best.tasks > 1 else f"{block[rival][0][0].task}"
-    known = best.area.low > 0 or best.area.high < 0
-    words = "faster than" if best.area.low > 0 else "slower than" if known else "as fast as"
+    rival = min(ahead, key=lambda method: ahead[method].value)
+    best, each = ahead[rival], compared[rival]
+    where = f"{len(each)} tasks" if len(each) > 1 else f"{block[rival][0][0].task}"
+    known = best.low > 0 or best.high < 0
+    words = "faster than" if best.low > 0 else "slower than" if known else "as fast as"
     doubt = "" if known else ", as far as these seeds can tell"
     of = f"the closest of {len(block)} others" if len(block) > 1 else "the only other method"
     return [
-        f"It learns {words} {style(rival).label}, {of} on {where}{doubt}: "
-        f"the area under the curve differs by {show(best.area, '+.3f')}, the final success by "
-        f"{show(best.final, '+.3f')}."
+        f"It learns {words} {style(rival).label}, {of} on {where}{doubt}: the area between the "
+        f"curves is worth {show(best, '+,.0f')} environment steps, the final success differs by "
+        f"{show(difference(each, 'final'), '+.3f')}."
     ]
 
 
@@ -90,10 +91,14 @@ def _largest_block(found: Rivals) -> Rivals:
     return max(blocks, key=lambda block: (sum(map(len, block.values())), len(block)), default={})
 
 
-def _steps_ahead(pairs: Sequence[tuple[Cell, Cell]]) -> float:
-    """Environment steps by which the first is ahead, mean over tasks; infinite if none compares.
+def _compared(pairs: Sequence[tuple[Cell, Cell]]) -> list[Scores]:
+    return [task for task in itertools.starmap(scores, pairs) if task]
+
+
+def _steps_ahead(each: Sequence[Scores]) -> Estimate:
+    """Environment steps by which the first is ahead, mean over tasks.
 
     Areas under curves of other lengths do not compare, the steps that they stand for do.
     """
-    each = [task for task in itertools.starmap(scores, pairs) if task]
-    return float(np.mean([task.steps * task.area_gap.mean() for task in each])) if each else np.inf
+    gaps, seeds = [task.gap("area") for task in each], [task.seeds for task in each]
+    return weighted_interval(gaps, seeds, [task.steps / len(each) for task in each])

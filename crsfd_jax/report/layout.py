@@ -15,6 +15,8 @@ SETTING1 = tuple(Task(shape, 0.0) for shape in "1234")
 SETTING2 = tuple(Task(shape, shift) for shape in "20" for shift in (4.0, 6.0, 8.0))
 """In rows; the demonstrated task, shape 0 without a shift, would stand below on the left."""
 _NEW = "New shapes, socket where it was"
+TASKS = "tasks"
+"""Begins the names of figures of what fits into none of the paper's."""
 _COLUMNS = 4
 
 
@@ -49,7 +51,7 @@ def figures(cells: Sequence[Cell]) -> list[Figure]:
     made = [
         _grid("setting1", _NEW, 2, SETTING1, trained),
         *_shorter(whole),
-        _grid("setting2", "Shapes and shifts, CRSfD and the best baseline", 3, SETTING2, pair),
+        _grid("setting2", "Shapes and shifts, CRSfD and SACfD", 3, SETTING2, pair),
         _grid("setting2_wide", "All methods, the socket moved", len(wide), wide, trained),
         _ablation(usual),
     ]
@@ -132,7 +134,7 @@ def _others(cells: Sequence[Cell], drawn: set[int]) -> list[Figure]:
         panels.setdefault(max(cell.planned_steps for cell in found.cells), []).append(found)
     return [
         Figure(
-            f"tasks_{steps / 1000:g}k",
+            f"{TASKS}_{steps / 1000:g}k",
             f"All runs of each task with {steps:,} environment steps",
             min(_COLUMNS, len(found)),
             tuple(found),

@@ -1,7 +1,7 @@
 """What is said of a cell, and of two cells or two methods beside each other."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -25,7 +25,7 @@ class Summary(NamedTuple):
     interquartile: Estimate
     """Interquartile mean of the final success."""
     steps_to_level: float
-    """Steps at the first of three evaluations in a row at which the mean over all seeds is LEVEL
+    """Steps at the first of three evaluations in a row at which the mean over the seeds is LEVEL
     or more; infinite if there are none."""
     seeds_at_level: int
     """Seeds that have three such evaluations."""
@@ -55,20 +55,22 @@ class Comparison(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """Scores [S] of the seeds of two cells over the same steps."""
+    """Scores [pairs] of seeds of two cells over the same steps, a seed beside a seed."""
 
     steps: int
     final: tuple[np.ndarray, np.ndarray]
     area: tuple[np.ndarray, np.ndarray]
+    exploring: tuple[np.ndarray, np.ndarray]
     learned: tuple[float, float]
-    """Steps at the first of three evaluations in a row at which the mean over all seeds is LEVEL
+    """Steps at the first of three evaluations in a row at which the mean over these seeds is LEVEL
     or more; infinite if there are none."""
     seeds: np.ndarray
-    """[pairs] of the first cell, each beside one of the second."""
-    final_gap: np.ndarray
-    """[pairs] first minus second."""
-    area_gap: np.ndarray
-    exploring_gap: np.ndarray
+    """Of the first cell."""
+
+    def gap(self, what: str) -> np.ndarray:
+        """[pairs] first minus second, of final, area or exploring."""
+        first, second = getattr(self, what)
+        return first - second
 
 
 def summarise(cell: Cell) -> Summary:
@@ -88,7 +90,7 @@ def summarise(cell: Cell) -> Summary:
 
 
 def scores(ours: Cell, theirs: Cell) -> Scores | None:
-    """Scores of two cells of one task, from the evaluations that all seeds have.
+    """Scores of the seeds that two cells of one task share, from evaluations that all have.
 
     If not all seeds of the smaller cell are in the other, seeds are paired in their order.
 
@@ -98,22 +100,10 @@ def scores(ours: Cell, theirs: Cell) -> Scores | None:
     steps = common_steps(ours, theirs)
     if not len(steps):
         return None
-    kept = [_over(steps, cell) for cell in (ours, theirs)]
-    final = [statistics.final(*curve) for curve in kept]
-    area = [statistics.area(*curve) for curve in kept]
-    exploring = [statistics.area(*_explored(steps, cell)) for cell in (ours, theirs)]
-    learned = [_learned(curve) for curve in kept]
-    first, second = _pairs(ours.seeds, theirs.seeds)
-    return Scores(
-        steps=int(steps[-1]),
-        final=(final[0], final[1]),
-        area=(area[0], area[1]),
-        learned=(learned[0], learned[1]),
-        seeds=ours.seeds[first],
-        final_gap=final[0][first] - final[1][second],
-        area_gap=area[0][first] - area[1][second],
-        exploring_gap=exploring[0][first] - exploring[1][second],
-    )
+    columns = _pairs(ours.seeds, theirs.seeds)
+    sides = [_Side.of(steps, *each) for each in zip((ours, theirs), columns, strict=True)]
+    final, area, exploring, learned = zip(*sides, strict=True)
+    return Scores(int(steps[-1]), final, area, exploring, learned, ours.seeds[columns[0]])
 
 
 def difference(tasks: Sequence[Scores], what: str) -> Estimate:
@@ -122,7 +112,7 @@ def difference(tasks: Sequence[Scores], what: str) -> Estimate:
     Args:
       what: final, area or exploring.
     """
-    gaps = [getattr(task, f"{what}_gap") for task in tasks]
+    gaps = [task.gap(what) for task in tasks]
     return statistics.mean_interval(gaps, [task.seeds for task in tasks])
 
 
@@ -145,6 +135,24 @@ def compare(pairs: Sequence[tuple[Cell, Cell]]) -> Comparison | None:
         better_final=statistics.improvement(*zip(*(task.final for task in each), strict=True)),
         better_area=statistics.improvement(*zip(*(task.area for task in each), strict=True)),
     )
+
+
+class _Side(NamedTuple):
+    """One cell of two, its seeds as they are paired."""
+
+    final: np.ndarray
+    area: np.ndarray
+    exploring: np.ndarray
+    learned: float
+
+    @classmethod
+    def of(cls, steps: np.ndarray, cell: Cell, columns: np.ndarray) -> Self:
+        curve, explored = (
+            Curve(each.env_steps, each.values[:, columns])
+            for each in (_over(steps, cell), _explored(steps, cell))
+        )
+        scores = statistics.final(*curve), statistics.area(*curve), statistics.area(*explored)
+        return cls(*scores, _learned(curve))
 
 
 def _learned(curve: Curve) -> float:

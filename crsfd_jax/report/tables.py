@@ -52,11 +52,11 @@ def comparisons(cells: Sequence[Cell], ours: str) -> tuple[Table, Table]:
     for method, tasks in pairs.items():
         label, found = style(method).label, compare(tasks)
         if found:
-            over_all.rows.append((label, str(found.tasks), *_comparison(found)))
+            over_all.rows.append((label, str(found.tasks), *_comparison(found, tasks)))
         for pair in tasks:
             found = compare([pair])
             if found:
-                each.rows.append((str(pair[0].task), label, *_comparison(found)))
+                each.rows.append((str(pair[0].task), label, *_comparison(found, [pair])))
     return over_all, Table(each.head, sorted(each.rows, key=lambda row: row[0]), each.words)
 
 
@@ -121,8 +121,8 @@ def options(cells: Sequence[Cell]) -> Table:
 def made_of(cells: Sequence[Cell]) -> list[str]:
     """Both of these as lines."""
     lines = [
-        f"{count} runs on {device}, started {span}, {wall} in all"
-        for device, _, span, count, wall in machines(cells).rows
+        f"{count} runs on {device}, started {span}, {wall} in all, with {versions}"
+        for device, versions, span, count, wall in machines(cells).rows
     ]
     methods: dict[str, list[str]] = {}
     for method, found in options(cells).rows:
@@ -160,14 +160,16 @@ def _result(cell: Cell) -> tuple[str, ...]:
     )
 
 
-def _comparison(found: Comparison) -> tuple[str, ...]:
+def _comparison(found: Comparison, pairs: Sequence[tuple[Cell, Cell]]) -> tuple[str, ...]:
+    """One level is no curve: a method that does not interact is compared by its success alone."""
     low, high = min(found.steps), max(found.steps)
+    acting = all(cell.interacts for pair in pairs for cell in pair)
     return (
-        show(found.area, "+.3f"),
+        show(found.area, "+.3f") if acting else "-",
         show(found.exploring, "+.3f") if found.exploring else "-",
         show(found.final, "+.3f"),
-        show(found.better_area, ".2f"),
+        show(found.better_area, ".2f") if acting else "-",
         show(found.better_final, ".2f"),
-        *map(show, found.middle),
+        *(show(middle) if acting else "-" for middle in found.middle),
         f"{low:,}" if low == high else f"{low:,} to {high:,}",
     )

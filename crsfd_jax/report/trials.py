@@ -54,8 +54,10 @@ class Trials(NamedTuple):
         """Method and training, in words."""
         word = words.DRAWN.get(self.drawn, "" if self.cell.variant else "randomised otherwise")
         unusual = (w for w in self.cell.variant.split(", ") if w not in words.DRAWN.values())
+        joint = "one policy for several shapes" * self.cell.is_joint
         shift = f"{self.cell.task.shift_mm:g} mm"
-        return ", ".join(filter(None, (style(self.cell.method).label, shift, word, *unusual)))
+        method = style(self.cell.method).label
+        return ", ".join(filter(None, (method, joint, shift, word, *unusual)))
 
 
 def find(roots: Sequence[str | Path], cells: Sequence[Cell]) -> tuple[list[Trials], list[str]]:
