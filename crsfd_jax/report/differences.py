@@ -48,9 +48,10 @@ def _rows(pairs: Sequence[tuple[Cell, Cell]]) -> Iterator[tuple[str, ...]]:
     for pair, each in compared:
         seeds = str(len(each.seeds))
         sides = (_side(each, i, cell) for i, cell in enumerate(pair))
-        yield pair[0].task.shape, *names, seeds, *sides, *_gaps([each])
+        yield pair[0].task.shape, *names, seeds, *sides, *_gaps(pairs, [each])
     if len(compared) > 1:
-        yield f"these {len(compared)}", *names, "", "", "", *_gaps([each for _, each in compared])
+        several = [each for _, each in compared]
+        yield f"these {len(compared)}", *names, "", "", "", *_gaps(pairs, several)
 
 
 def _side(each: Scores, side: int, cell: Cell) -> str:
@@ -61,7 +62,10 @@ def _side(each: Scores, side: int, cell: Cell) -> str:
     return f"{final}, {thousands(each.learned[side])}, {each.area[side].mean():.3f}"
 
 
-def _gaps(found: Sequence[Scores]) -> Iterator[str]:
+def _gaps(pairs: Sequence[tuple[Cell, Cell]], found: Sequence[Scores]) -> Iterator[str]:
+    """One level is no curve: what does not interact differs by its success alone."""
+    acting = all(cell.interacts for pair in pairs for cell in pair)
     for what in ("area", "exploring", "final"):
         estimate = summary.difference(found, what)
-        yield show(estimate, "+.3f") if np.isfinite(estimate.value) else "-"
+        is_said = np.isfinite(estimate.value) and (acting or what == "final")
+        yield show(estimate, "+.3f") if is_said else "-"
