@@ -10,12 +10,12 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar
 
 import tyro
 
 from crsfd_jax.config import Config
-from crsfd_jax.errors import STOPPED, UserError
+from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.options.limits import check_limits, choice_message
 from crsfd_jax.options.smoke import smoke_sized
 from crsfd_jax.options.validation import validate
@@ -41,7 +41,7 @@ def parse(
             config = tyro.cli(config_type, args=list(argv), prog=_program_name(), default=start)
     except BrokenPipeError:
         # Of --help: it has been read as far as anybody wanted.
-        _fall_silent()
+        _fall_silent(sys.stdout)
         sys.exit(0)
     except SystemExit as stop:
         if stop.code in (None, 0):
@@ -59,26 +59,40 @@ def main(function: Callable[[list[str]], int | None]) -> None:
 
     Args:
       function: takes the arguments after the program's name, returns the exit code, or
-        None for 0. A UserError from it becomes one line on stderr.
+        None for 0. A UserError from it becomes one line on stderr, and so does a place that may
+        not be entered.
     """
     try:
         code = function(sys.argv[1:])
         sys.stdout.flush()
     except UserError as error:
-        print("error:", " ".join(str(error).split()), file=sys.stderr)
+        _complain(f"error: {' '.join(str(error).split())}")
         code = error.exit_code
+    except (PermissionError, NotADirectoryError) as error:
+        if error.filename is None:
+            raise
+        _complain(f"error: {error.filename}: {error.strerror}; choose another place")
+        code = USAGE
     except KeyboardInterrupt:
-        print("stopped; the same command starts again", file=sys.stderr)
+        _complain("stopped; the same command starts again")
         code = STOPPED
     except BrokenPipeError:
-        _fall_silent()
+        _fall_silent(sys.stdout)
         code = STOPPED
     sys.exit(code or 0)
 
 
-def _fall_silent() -> None:
-    """The reader of the output has gone: what is still in its buffer must not be written either."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _complain(line: str) -> None:
+    """Says what went wrong, if there is still somebody to tell."""
+    try:
+        print(line, file=sys.stderr, flush=True)
+    except OSError:
+        _fall_silent(sys.stderr)
+
+
+def _fall_silent(stream: TextIO) -> None:
+    """Nobody reads it any more: what is still in its buffer must not be written either."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _program_name() -> str | None:

@@ -126,8 +126,7 @@ def make(
     def advance(state: EnvState, action: jax.Array) -> tuple[EnvState, Outcome]:
         around, age = state.around, state.age + 1
         target = setpoint(mdp, state.tip, action)
-        command = sensing.commanded(links, state.physics, around, _held(state, target))
-        physics, limits = engine.advance(state.physics, around, command)
+        physics, limits = engine.advance(state.physics, around, command(links, state, target))
         read, noise = sensing.believed(physics, around), sensing.noise(around, age, deviation)
         error = target[..., :3] - tip_pose(links, read.qpos)[0]
         measured, next_obs = observe(links, rest, read, error, noise)
@@ -172,6 +171,16 @@ def setpoint(mdp: config.Mdp, tip: jax.Array, action: jax.Array) -> jax.Array:
     """
     moved = tip + jnp.clip(action, -1.0, 1.0) * jnp.array(mdp.action_scale)
     return jnp.clip(moved, jnp.array(SETPOINT_LOW), jnp.array(SETPOINT_HIGH))
+
+
+def command(links: Chain, state: EnvState, target: jax.Array) -> jax.Array:
+    """[N, 6] what the impedance control pulls the true tip towards during a control step.
+
+    Args:
+      target: [N, 6] the setpoint that is asked for; where commands are delayed, the one before is
+        in effect.
+    """
+    return sensing.commanded(links, state.physics, state.around, _held(state, target))
 
 
 def inserted(tip: jax.Array, around: Surroundings) -> jax.Array:

@@ -200,7 +200,7 @@ def _summarise(
             say(f"    {line}")
     left = len(chosen) - done - len(failed)
     say(f"{done} done, {len(failed)} failed, {left} to be continued by the same command")
-    if interrupted or (left and not failed):
+    if left and (interrupted or not failed):
         return STOPPED
     return MISSED if failed else DONE
 

@@ -1,5 +1,6 @@
 """Checkpoints: bit-exact, and a damaged one is never taken for a good one."""
 
+import errno
 import hashlib
 import json
 import os
@@ -192,3 +193,24 @@ def test_the_order_of_checkpoints_is_that_of_their_steps_whatever_the_clock_says
     assert sorted(entry.name for entry in folder.iterdir()) == ["2", "3"]
     restored = checkpoints.restore(folder, {"x": jnp.zeros(3, int)})
     assert restored is not None and restored.step == 3
+
+
+@pytest.mark.parametrize(
+    "lack",
+    [
+        MemoryError(),
+        jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory"),
+        OSError(errno.EMFILE, "Too many open files"),
+    ],
+    ids=lambda lack: type(lack).__name__,
+)
+def test_what_the_machine_lacks_is_not_taken_for_damage(saved, tmp_path, monkeypatch, lack):
+    folder = shutil.copytree(saved, tmp_path / "checkpoints")
+
+    def fail(*_):
+        raise lack
+
+    with monkeypatch.context() as patch, pytest.raises(type(lack)):
+        patch.setattr(checkpoints, "from_numpy", fail)
+        checkpoints.restore(folder, make_state(0))
+    assert checkpoints.restore(folder, make_state(0)).step == 2

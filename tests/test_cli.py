@@ -140,6 +140,33 @@ def test_the_error_of_a_program_becomes_its_exit_code_and_one_line(monkeypatch, 
     assert capsys.readouterr().err == "error: cannot go on\n"
 
 
+@pytest.mark.parametrize("kind", [PermissionError, NotADirectoryError])
+def test_a_place_that_may_not_be_entered_is_named_in_one_line(capsys, kind):
+    def look(_):
+        raise kind(13, "Not for you", "/there/run")
+
+    with pytest.raises(SystemExit) as end:
+        cli.main(look)
+    assert end.value.code == 2
+    assert capsys.readouterr().err == "error: /there/run: Not for you; choose another place\n"
+
+
+def test_a_file_in_the_place_of_a_folder_leaves_no_traceback(tmp_path):
+    (tmp_path / "file").touch()
+    for line in (("train", "--out"), ("evaluate",), ("report",), ("sweep", "--out")):
+        command = [sys.executable, "-m", f"crsfd_jax.{line[0]}", *line[1:], tmp_path / "file" / "x"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1, done.stderr
+
+
+def test_an_error_that_nobody_hears_keeps_its_exit_code():
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "crsfd_jax.train", "--shape", "9"]
+    assert subprocess.run(command, stderr=writer, timeout=60).returncode == 2
+    os.close(writer)
+
+
 def test_ctrl_c_before_a_run_has_begun_is_one_line_and_the_code_of_a_stop(monkeypatch, capsys):
     def stop(_):
         raise KeyboardInterrupt

@@ -1,5 +1,7 @@
 """Bad numbers: found, kept apart, told, kept for inspection; the other seeds never notice."""
 
+import shutil
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,8 +11,8 @@ import pytest
 from crsfd_jax.errors import UserError
 from crsfd_jax.interrupt import Interrupt
 from crsfd_jax.options.schedule import total_steps
-from crsfd_jax.storage import artefacts, checkpoints, metrics, policy
-from crsfd_jax.training import divergence, standing, trainer
+from crsfd_jax.storage import artefacts, checkpoints, metrics, policy, run_folder
+from crsfd_jax.training import bookkeeping, divergence, standing, trainer
 from crsfd_jax.training.program import assemble
 from crsfd_jax.training.standing import Standing
 
@@ -212,3 +214,23 @@ def test_saving_takes_at_most_two_percent_of_the_time_and_begins_at_once():
         spent = saving - save_s
         assert saving > 0 and spent <= 0.02 * clock
         assert spent > 0.015 * clock - save_s
+
+
+def test_results_of_a_single_evaluation_are_not_started_over_without_checkpoints(run, program):
+    _, folder = run()
+    kept = metrics.read(folder.metrics)
+    last = kept["env_steps"] == kept["env_steps"].max()
+    folder.metrics.unlink()
+    metrics.append(folder.metrics, [{n: float(c[last][0]) for n, c in kept.items()}])
+    before = folder.metrics.read_bytes()
+    shutil.rmtree(folder.checkpoints)
+    with pytest.raises(UserError, match="holds no checkpoint"):
+        bookkeeping.restored([folder], [None], jax.eval_shape(program.start, program.own))
+    assert folder.metrics.read_bytes() == before
+
+
+def test_only_the_first_of_several_processes_draws_curves(config, tmp_path, monkeypatch):
+    monkeypatch.setattr(bookkeeping.devices, "is_first", lambda: False)
+    at = Standing(step=16, success=[1.0] * config.seeds)
+    nothing = run_folder.at(tmp_path)
+    assert bookkeeping.conclude(bookkeeping.Run(config, nothing, None, at)) == 0

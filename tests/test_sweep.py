@@ -58,6 +58,10 @@ def experiment(name: str) -> cells.Experiment:
     return cells.load(name)
 
 
+def at_root() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
 def swept(file, *options) -> int:
     return sweep.run(["--experiment", str(file), *options], command=FAKE)
 
@@ -337,6 +341,40 @@ def test_refused_demonstrations_are_not_taken_the_next_time(tmp_path, monkeypatc
         assert error.value.exit_code == 1 and not Path("a.npz").exists()
 
 
+def test_refused_demonstrations_are_put_aside_before_another_sweep_looks(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    writes = "import sys; open(sys.argv[-1], 'w').write('x'); sys.exit(1)"
+    monkeypatch.setattr(demonstrations, "DEMOS", (sys.executable, "-c", writes))
+    cell = cells.Cell("a", (), Config(demos="a.npz"))
+    rename, held = Path.rename, []
+
+    def noted(path, target):
+        held.append(state.is_held(Path(".a.npz.lock")))
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", noted)
+    with pytest.raises(UserError):
+        demonstrations.make(cells.Experiment("e", "", (cell,), {"a.npz": ("record",)}), [cell])
+    assert held == [True]
+
+
+def test_a_recording_that_outlives_its_sweep_keeps_its_lock(tmp_path):
+    program = """if True:
+        from crsfd_jax.config import Config
+        from crsfd_jax.sweeps import cells, demonstrations
+        demonstrations.DEMOS = "sh", "-c", "echo $$ > recorder; exec sleep 60"
+        cell = cells.Cell("a", (), Config(demos="a.npz"))
+        demonstrations.make(cells.Experiment("e", "", (cell,), {"a.npz": ("x",)}), [cell])
+    """
+    process = subprocess.Popen([sys.executable, "-c", program], cwd=tmp_path, env=at_root())
+    wait_for(lambda: (tmp_path / "recorder").is_file() and (tmp_path / "recorder").read_text())
+    process.kill()
+    process.wait(timeout=60)
+    assert state.is_held(tmp_path / ".a.npz.lock")
+    os.kill(int((tmp_path / "recorder").read_text()), signal.SIGKILL)
+    wait_for(lambda: not state.is_held(tmp_path / ".a.npz.lock"))
+
+
 def test_a_run_that_stops_by_itself_is_not_tried_again(file, out, monkeypatch):
     monkeypatch.setenv("FAKE_FAIL", f"{NAMES[0]} stop")
     assert swept(file, "--only", NAMES[0]) == 75
@@ -435,6 +473,29 @@ def test_a_group_that_stops_by_itself_goes_on_as_single_cells(file, out, monkeyp
     assert [len(starts(out, name)) for name in NAMES] == [1, 2, 1]
     for name in NAMES:
         assert_whole(out, name)
+
+
+def test_a_log_that_cannot_be_opened_leaves_its_group_alone(file, out, capsys):
+    out.mkdir(parents=True)
+    (out / f"{NAMES[1]}.log").symlink_to(out / "absent" / "log")
+    assert swept(file, "--together", "3") == 1
+    assert "2 done, 1 failed" in capsys.readouterr().out
+
+
+def test_cells_that_lack_their_trials_alone_are_not_trained_again(file, out):
+    assert swept(file) == 0
+    chosen = [cell._replace(trials=("--episodes", "5")) for cell in cells.load(str(file)).cells]
+    attempt.run_group(tuple(chosen), Plan(out, FAKE, retries=0))
+    assert [len(starts(out, name)) for name in NAMES] == [1, 1, 1]
+    assert "together" not in (out / f"{NAMES[0]}.log").read_text()
+
+
+def test_a_signal_after_the_last_cell_changes_nothing(tmp_path):
+    chosen = cells.load("joint").cells[:2]
+    ended = {cell.name: attempt.CellResult(cell.name, "done") for cell in chosen}
+    assert sweep._summarise(chosen, Plan(tmp_path), ended, True) == 0
+    ended.pop(chosen[0].name)
+    assert sweep._summarise(chosen, Plan(tmp_path), ended, True) == STOPPED
 
 
 def test_a_run_started_by_hand_leaves_those_beside_it_to_the_sweep(file, out, monkeypatch):

@@ -256,20 +256,24 @@ def test_a_run_without_a_seed_left_ends_where_it_would_alone(probe, tmp_path, ca
             np.testing.assert_array_equal(file[".key"], expected)
 
 
-def test_a_stop_between_the_saves_of_two_runs_loses_nothing(probe, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("step", "left"), [(16, False), (256, True)])
+def test_a_stop_between_the_saves_of_two_runs_loses_nothing(
+    probe, tmp_path, monkeypatch, step, left
+):
     whole = trained(probe, tmp_path / "whole")[1:]
     save = checkpoints.save
 
     def cut_short(folder, *arguments):
-        # The last one of b: a has its own by then.
-        if folder.parent.name == "b" and arguments[0] == 256:
+        # The first one or the last one of b: a has its own by then.
+        if folder.parent.name == "b" and arguments[0] == step:
             raise RuntimeError("killed")
         save(folder, *arguments)
 
     with monkeypatch.context() as patch, pytest.raises(RuntimeError, match="killed"):
         patch.setattr(checkpoints, "save", cut_short)
         trained(probe, tmp_path / "cut")
-    assert (tmp_path / "cut" / "a" / "checkpoints" / "256").exists()
+    assert (tmp_path / "cut" / "a" / "checkpoints" / str(step)).exists()
+    assert any((tmp_path / "cut" / "b" / "checkpoints").glob("*")) == left
     code, *folders = trained(probe, tmp_path / "cut")
     assert code == 0
     for cut, other in zip(folders, whole, strict=True):

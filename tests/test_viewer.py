@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from crsfd_jax import config, view
+from crsfd_jax import config, env, view
 from crsfd_jax.demos import builtin, dataset, replay
 from crsfd_jax.drawing import video
 from crsfd_jax.errors import UserError
@@ -20,7 +20,7 @@ from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
 from crsfd_jax.options.randomisation import Randomisation
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.scene.build import model_of
-from crsfd_jax.viewer import hand, live, panel, pose, potential_map, serve
+from crsfd_jax.viewer import hand, live, panel, pose, potential_map, serve, session, tape
 
 OPTIONS = config.Config(seeds=2, seed=7, engine="native", sac=config.Sac(hidden=(8,)))
 SOURCE = live.Task("2", 0.0, 1.0)
@@ -96,6 +96,40 @@ def test_without_a_friction_of_its_own_an_episode_has_one_of_training():
     states = [shown.reset(live.task_of(shown, "2", 0.0), jax.random.key(i)) for i in range(5)]
     drawn = {float(state.around.friction[0]) for state in states}
     assert len(drawn) == 5 and min(drawn) >= 2.0 and max(drawn) <= 2.5
+
+
+def test_a_delayed_arm_is_drawn_as_pulled_by_the_setpoint_before():
+    arm = Randomisation(delay=1.0)
+    shown = live.make(dataclasses.replace(OPTIONS, randomisation=arm), None)
+    state, action = shown.reset(SOURCE, jax.random.key(0)), jnp.full((1, 6), 0.5)
+    asked = env.setpoint(OPTIONS.mdp, state.tip, action)[0]
+    first = shown.advance(state, action)
+    np.testing.assert_allclose(first.setpoint, state.tip[0], atol=1e-6)
+    np.testing.assert_allclose(shown.advance(first.state, action).setpoint, asked, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name", ["a" * 300 + ".npz", "a\0.npz", "<img src=x>.npz", "../a.npz", ".npz", "a.txt"]
+)
+def test_a_recording_is_saved_under_a_plain_name_only(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    said = tape.Tape().save(name, OPTIONS, "2", 0.0)
+    assert said.startswith("allowed is a name such as by_hand.npz") and not any(tmp_path.iterdir())
+
+
+def test_what_a_page_says_is_no_markup(page):
+    page.message = "<img src=x>"
+    session._report(page)
+    assert "&lt;img src=x&gt;" in page.panel.status.content
+
+
+def test_no_potential_is_shown_of_a_method_without_one(monkeypatch, capsys):
+    monkeypatch.setattr(serve.shown_potential, "fit", lambda _: (bump, None))
+    shown = serve._potential(dataclasses.replace(OPTIONS, algorithm="crsfd_same_gamma"))
+    none = serve._potential(dataclasses.replace(OPTIONS, algorithm="rsgm"))
+    assert len(np.unique(shown.reshape(-1, shown.shape[-1]), axis=0)) > 100
+    assert len(np.unique(none.reshape(-1, none.shape[-1]), axis=0)) < 100
+    assert "no potential is shown: rsgm has none" in capsys.readouterr().out
 
 
 def test_a_step_moves_the_arm_that_is_drawn(page):

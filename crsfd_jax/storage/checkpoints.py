@@ -5,6 +5,7 @@ disk, so both are done here. Every leaf goes in as a plain array under its posit
 """
 
 import contextlib
+import errno
 import hashlib
 import itertools
 import json
@@ -34,6 +35,8 @@ from crsfd_jax.storage.leaves import (
 )
 
 _log = logging.getLogger(__name__)
+_SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.EACCES)
+"""What a machine may lack for a while; a file that is damaged stays so."""
 
 
 class Checkpoint(NamedTuple):
@@ -174,9 +177,11 @@ def _read_body(path: Path) -> tuple[dict[str, _Leaf], dict[str, Any]]:
 def _damage_reported() -> Iterator[None]:
     try:
         yield
-    except MemoryError:
+    except (MemoryError, jax.errors.JaxRuntimeError):
         raise
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in _SHORTAGES:
+            raise
         # orbax answers damaged files with whatever its parsers raise.
         raise _Damaged(f"{type(error).__name__}: {str(error)[:80]}") from error
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from crsfd_jax import extras
 from crsfd_jax.config import to_dict
+from crsfd_jax.errors import UserError
 from crsfd_jax.storage import manifest, metrics, run_folder
 from crsfd_jax.storage.manifest import Manifest
 
@@ -40,7 +41,7 @@ def opened(tool: str, folder: Path, seeds: range) -> Iterator[Callable[[], None]
     """Gives the function that passes on what metrics.csv has gained since its last call.
 
     Raises:
-      UserError: the tool's package is missing.
+      UserError: the tool's package is missing, or it cannot begin.
     """
     if tool == "none":
         yield lambda: None
@@ -114,24 +115,29 @@ def _wandb(folder: Path, seeds: range) -> Iterator[Write]:
     mode = os.environ.get("WANDB_MODE", "offline")
     shutil.rmtree(folder / "wandb", ignore_errors=True)
     told = manifest.read(run_folder.at(folder).config)
+
+    def begin(seed: int):
+        return wandb.init(
+            project=os.environ.get("WANDB_PROJECT", "crsfd_jax"),
+            group=folder.name,
+            name=f"{folder.name}-seed{seed}",
+            id=_identity(folder.name, told, seed),
+            config=to_dict(told.config) | {"seed": seed},
+            dir=folder,
+            mode=mode,
+            resume="allow",
+            reinit="create_new",
+            settings=wandb.Settings(console="off", silent=True),
+        )
+
     with contextlib.ExitStack() as stack:
-        runs = {
-            seed: stack.enter_context(
-                wandb.init(
-                    project=os.environ.get("WANDB_PROJECT", "crsfd_jax"),
-                    group=folder.name,
-                    name=f"{folder.name}-seed{seed}",
-                    id=_identity(folder.name, told, seed),
-                    config=to_dict(told.config) | {"seed": seed},
-                    dir=folder,
-                    mode=mode,
-                    resume="allow",
-                    reinit="create_new",
-                    settings=wandb.Settings(console="off", silent=True),
-                )
-            )
-            for seed in seeds
-        }
+        try:
+            runs = {seed: stack.enter_context(begin(seed)) for seed in seeds}
+        except (wandb.errors.Error, ValueError) as error:
+            raise UserError(
+                f"--log wandb: got WANDB_MODE={mode}: {error}; correct it, or leave it out to "
+                "keep the rows in the run folder"
+            ) from error
 
         def write(rows: Sequence[Row]) -> None:
             for row in rows:

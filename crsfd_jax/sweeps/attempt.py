@@ -6,7 +6,7 @@ import os
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 
@@ -56,42 +56,53 @@ def run_group(group: Group, plan: Plan, stopping: Stopping = lambda: False) -> l
     Args:
       stopping: asked several times a second; once it is true, the runs save and end.
     """
-    try:
-        return _run_group(group, plan, stopping)
-    except OSError as error:
-        # Of a full disk or a log that cannot be opened; other groups go on.
-        return [CellResult(cell.name, "failed", (str(error),)) for cell in group]
-
-
-def _run_group(group: Group, plan: Plan, stopping: Stopping) -> list[CellResult]:
-    plan.out.mkdir(parents=True, exist_ok=True)
     outcomes: list[CellResult] = []
     logs: dict[Cell, BinaryIO] = {}
     with contextlib.ExitStack() as stack:
         for cell in group:
-            if state.is_done(plan.out, cell):
-                outcomes.append(CellResult(cell.name, "done"))
-                continue
-            log = stack.enter_context(state.claimed(state.log_path(plan.out, cell)))
-            if log is not None and not _is_held(cell, plan):
-                logs[cell] = log
-                continue
-            outcomes.append(CellResult(cell.name, "busy"))
-            if log is not None:
-                log.close()
-        if len(logs) > 1 and not stopping():
-            _run(command_of(logs, plan), logs, plan, "together", stopping)
+            with _failing(cell, outcomes):
+                if taken := _taken(cell, plan, stack):
+                    logs[cell] = taken
+                else:
+                    word = "done" if state.is_done(plan.out, cell) else "busy"
+                    outcomes.append(CellResult(cell.name, word))
+        left = {cell: log for cell, log in logs.items() if not _is_trained(cell, plan)}
+        if len(left) > 1 and not stopping():
+            with contextlib.suppress(OSError):
+                _run(command_of(left, plan), left, plan, "together", stopping)
         for cell, log in logs.items():
-            outcomes.append(_run_to_end(cell, log, plan, stopping))
+            with _failing(cell, outcomes):
+                outcomes.append(_run_to_end(cell, log, plan, stopping))
             log.close()
     return outcomes
+
+
+@contextlib.contextmanager
+def _failing(cell: Cell, outcomes: list[CellResult]) -> Iterator[None]:
+    """A full disk, or a log that cannot be opened, is a cell's own failure; others go on."""
+    try:
+        yield
+    except OSError as error:
+        outcomes.append(CellResult(cell.name, "failed", (str(error),)))
+
+
+def _taken(cell: Cell, plan: Plan, stack: contextlib.ExitStack) -> BinaryIO | None:
+    """The log of a cell, locked; None if the cell is done or somebody else has it."""
+    if state.is_done(plan.out, cell):
+        return None
+    plan.out.mkdir(parents=True, exist_ok=True)
+    log = stack.enter_context(state.claimed(state.log_path(plan.out, cell)))
+    if log is not None and _is_held(cell, plan):
+        log.close()
+        return None
+    return log
 
 
 def _run_to_end(cell: Cell, log: BinaryIO, plan: Plan, stopping: Stopping) -> CellResult:
     """Trains a cell, then plays its trials; each is tried again if it fails."""
 
     def is_trained() -> bool:
-        return state.is_finished(plan.out / cell.name, cell.config)
+        return _is_trained(cell, plan)
 
     def has_trials() -> bool:
         return state.has_trials(plan.out, cell)
@@ -134,6 +145,10 @@ def _persist(
             break
     _write(log, f"{state.GAVE_UP} with exit code {code}")
     return CellResult(cell.name, "failed", (*lines, f"exit code {code}"))
+
+
+def _is_trained(cell: Cell, plan: Plan) -> bool:
+    return state.is_finished(plan.out / cell.name, cell.config)
 
 
 def _is_held(cell: Cell, plan: Plan) -> bool:

@@ -37,8 +37,10 @@ def make(experiment: Experiment, cells: Iterable[Cell]) -> None:
             if file.exists():
                 continue
             say(shlex.join(command))
-            code = subprocess.run(command).returncode
-        if code:
+            # What inherits the lock keeps it if this process dies before it.
+            code = subprocess.run(command, pass_fds=[lock.fileno()]).returncode
+            if not code:
+                continue
             refused = file.with_name(f"refused-{file.name}")
             if file.exists():
                 file.rename(refused)

@@ -65,7 +65,7 @@ def run(
       What became of each cell, as soon as its group has ended.
 
     Raises:
-      UserError: submitit is not installed, or there is no SLURM here.
+      UserError: submitit is not installed, there is no SLURM here, or it refuses the array.
     """
     extras.require("--runner slurm", "slurm", "submitit")
     import submitit
@@ -86,8 +86,11 @@ def run(
         **asked,
     )
     plan = plan._replace(command=(*_KEEP_WARNING, *plan.command))
-    with executor.batch():
-        jobs = {group: executor.submit(Job(group, plan)) for group in groups}
+    try:
+        with executor.batch():
+            jobs = {group: executor.submit(Job(group, plan)) for group in groups}
+    except RuntimeError as error:
+        raise UserError(f"--runner slurm: the array was refused: {error}") from error
     cancelled = False
     while jobs:
         if stopping() and not cancelled:

@@ -16,6 +16,7 @@ from crsfd_jax.errors import UserError
 from crsfd_jax.evaluation import Episodes
 from crsfd_jax.learn.networks import Params
 from crsfd_jax.learn.sac import AgentState
+from crsfd_jax.options.schedule import CHUNK_STEPS
 from crsfd_jax.progress import say
 from crsfd_jax.storage import artefacts, checkpoints, loggers, metrics, policy
 from crsfd_jax.storage.run_folder import RunFolder
@@ -60,24 +61,24 @@ def restored(
       like: the structure of the states.
 
     Raises:
-      UserError: they have no intact step in common.
+      UserError: they have no intact step in common, or results without a checkpoint.
     """
     while True:
+        for folder in folders:
+            _refuse_emptied(folder)
         saved = [set(artefacts.saved_steps(folder.checkpoints)) for folder in folders]
         common = set.intersection(*saved)
-        if any(saved) and not common:
+        # A stop between the first saves: nobody has more than the first chunk to lose.
+        if any(saved) and not common and set.union(*saved) != {CHUNK_STEPS}:
             pairs = zip(folders, saved, strict=True)
             stand = " and ".join(f"{folder.path} has {sorted(steps)}" for folder, steps in pairs)
             raise UserError(f"no checkpoint of one step: {stand}; go on with each run by itself")
-        most = max(common) if len(folders) > 1 and common else math.inf
+        most = max(common, default=0) if len(folders) > 1 else math.inf
         found = [
             checkpoints.restore(folder.checkpoints, _part(like, part), most)
             for folder, part in zip(folders, parts, strict=True)
         ]
         if len({each and each.step for each in found}) == 1:
-            for folder, each in zip(folders, found, strict=True):
-                if each is None:
-                    _refuse_emptied(folder)
             return found
 
 
@@ -146,19 +147,23 @@ def watcher(run: Run, stack: contextlib.ExitStack) -> Callable[[Params], None]:
 def conclude(run: Run) -> int:
     """Draws the curves of a run that is over and says what it came to; returns its exit code."""
     config, folder, at = run.config, run.folder, run.at
-    learning_curve.plot(config.algorithm, folder.metrics, folder.curves)
-    say(f"curves    {folder.curves}")
-    met = troubles.words(metrics.read(folder.metrics))
-    if met:
-        say(f"physics   {met}")
+    if devices.is_first():  # The others keep no rows.
+        learning_curve.plot(config.algorithm, folder.metrics, folder.curves)
+        say(f"curves    {folder.curves}")
+        if met := troubles.words(metrics.read(folder.metrics)):
+            say(f"physics   {met}")
     came_to = verdict.judge(config, at.success, at.diverged, at.wall_s)
     say(came_to.line)
     return came_to.code
 
 
 def _refuse_emptied(folder: RunFolder) -> None:
-    """A checkpoint is there before the second evaluation, so without one it was removed."""
-    if folder.metrics.exists() and len(np.unique(metrics.read(folder.metrics)["env_steps"])) > 1:
+    """A checkpoint follows the first chunk; with rows of later ones and without, it was removed."""
+    kept = artefacts.saved_steps(folder.checkpoints) or any(folder.checkpoints.glob("*.damaged*"))
+    if kept or not folder.metrics.exists():
+        return
+    first = CHUNK_STEPS * artefacts.read_config(folder.path).envs
+    if (metrics.read(folder.metrics)["env_steps"] > first).any():
         raise UserError(
             f"{folder.checkpoints}: holds no checkpoint, expected one of a run with the results in "
             f"{folder.metrics.name}; copy it back or choose another --out"

@@ -92,13 +92,13 @@ def run(
     """Starts or resumes, and goes on to the end or to a signal; returns the exit code."""
     states, runs = _start_or_resume(configs, program, folders)
     first = runs[0]
-    if not _are_over(runs):
-        program = _compiled(program, states)
-    clock = saved_at = time.monotonic()
     save_s = 0.0
     with contextlib.ExitStack() as stack:
-        show = stack.enter_context(progress(total_env_steps(first.config), first.env_steps))
         watchers = [bookkeeping.watcher(each, stack) for each in runs]
+        if not _are_over(runs):
+            program = _compiled(program, states)
+        show = stack.enter_context(progress(total_env_steps(first.config), first.env_steps))
+        clock = saved_at = time.monotonic()
         while not _are_over(runs) and not devices.any_of(interrupt.requested):
             step = first.at.step + CHUNK_STEPS
             states, values = program.advance(states, program.own, np.int32(first.at.step))

@@ -15,6 +15,7 @@ from crsfd_jax.learn import networks
 from crsfd_jax.observation import ACTION_SIZE
 from crsfd_jax.options.shapes import read
 from crsfd_jax.scene.build import Scene
+from crsfd_jax.scene.kinematics import chain
 from crsfd_jax.storage import trained
 
 _ENGINE = "native"
@@ -39,7 +40,7 @@ class Step(NamedTuple):
     """As the step left it, also at the end of an episode."""
     outcome: Outcome
     setpoint: np.ndarray
-    """[6] m and rad, what the impedance control pulled towards."""
+    """[6] m and rad, what the impedance control pulled the tip towards."""
 
 
 class Live(NamedTuple):
@@ -95,7 +96,11 @@ def make(options: config.Config, actors: Any) -> Live:
     scene = task.scene_of(options)
     nets = networks.make_networks(options.sac, ACTION_SIZE)
     advance = jax.jit(world.advance)
-    setpoint = jax.jit(lambda tip, action: env.setpoint(options.mdp, tip, action))
+    links = chain(scene)
+
+    @jax.jit
+    def command(state: EnvState, action: jax.Array) -> jax.Array:
+        return env.command(links, state, env.setpoint(options.mdp, state.tip, action))
 
     def change_friction(state: EnvState, friction: float) -> EnvState:
         everywhere = jnp.full(1, friction, jnp.float32)
@@ -118,6 +123,6 @@ def make(options: config.Config, actors: Any) -> Live:
 
     def step(state: EnvState, action: jax.Array) -> Step:
         after, outcome = advance(state, action)
-        return Step(after, outcome, np.asarray(setpoint(state.tip, action))[0])
+        return Step(after, outcome, np.asarray(command(state, action))[0])
 
     return Live(scene, options, actors, reset, change_friction, act, step)

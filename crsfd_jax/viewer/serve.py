@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from crsfd_jax import compile_cache, extras, shown_potential
+from crsfd_jax import algorithms, compile_cache, extras, shown_potential
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.viewer import drawing, live, panel, potential_map, session
@@ -54,8 +54,10 @@ def opened(
 
 
 def _potential(options: Config) -> np.ndarray:
-    """The potential at the mouth; nothing where its demonstrations are gone, and a line says so."""
+    """The potential at the mouth; nothing where there is none, and a line says why."""
     try:
+        if "potential" not in algorithms.load(options.algorithm).options:
+            raise UserError(f"{options.algorithm} has none that sees the tip's pose alone")
         phi, _ = shown_potential.fit(options)
     except UserError as error:
         print(f"no potential is shown: {error}", flush=True)

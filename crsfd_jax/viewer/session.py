@@ -1,6 +1,7 @@
 """What goes on behind the page: the arm moves step by step as the controls say."""
 
 import dataclasses
+import html
 import time
 from collections.abc import Callable
 from typing import Any
@@ -173,7 +174,7 @@ def _report(session: Session, ending: str = "") -> None:
     if session.tape.is_running or session.tape.episodes:
         running = "recording, " if session.tape.is_running else ""
         lines.append(f"{running}{len(session.tape.episodes)} episodes recorded")
-    session.panel.status.content = "<br/>".join([*lines, session.message])
+    session.panel.status.content = "<br/>".join([*lines, html.escape(session.message)])
 
 
 def _on_reset(session: Session, _: Any) -> None:

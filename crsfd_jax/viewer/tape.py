@@ -1,6 +1,7 @@
 """What a person has recorded so far, and saving it."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 from crsfd_jax import config
@@ -8,6 +9,7 @@ from crsfd_jax.demos import dataset, layout
 from crsfd_jax.errors import UserError
 from crsfd_jax.viewer import hand
 
+_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}\.npz")
 _COMMAND = "python -m crsfd_jax.view, recorded by hand"
 
 
@@ -38,8 +40,8 @@ class Tape:
 
         A name is no path: who reaches the page shall not write anywhere else.
         """
-        if not name.endswith(".npz") or Path(name).name != name:
-            return f"{name}: allowed is a name such as by_hand.npz, without a folder"
+        if not _NAME.fullmatch(name):
+            return "allowed is a name such as by_hand.npz, of letters, digits, ., - and _"
         if Path(name).exists():
             return f"{name} exists; choose another name"
         try:
