@@ -19,6 +19,7 @@ from crsfd_jax.demos.layout import ENV_NAME
 from crsfd_jax.drawing import opengl
 from crsfd_jax.drawing.picture import render
 from crsfd_jax.env import EnvState
+from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE, CLIP, OBS_SIZE
 from crsfd_jax.options import keywords
 from crsfd_jax.scene.build import model_of, place_socket
@@ -47,7 +48,7 @@ class Insertion(gymnasium.Env):
         """See the module.
 
         Raises:
-          UserError: a value cannot be used, or pictures are wanted and OpenGL is missing.
+          UserError: a value or mode cannot be used, or pictures are wanted and OpenGL is missing.
         """
         self._options = _options(values)
         self._task = _compiled(self._options)
@@ -94,7 +95,7 @@ class InsertionVector(VectorEnv):
         """See the module.
 
         Raises:
-          UserError: a value cannot be used, or pictures are wanted and OpenGL is missing.
+          UserError: a value or mode cannot be used, or pictures are wanted and OpenGL is missing.
         """
         self._options = _options(values)
         self._batch = _compiled_batch(self._options)
@@ -108,8 +109,8 @@ class InsertionVector(VectorEnv):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
         """Starts all episodes; there are no options."""
         super().reset(seed=seed)
-        self._key, self._steps = _key(self.np_random), 0
-        self._state = self._batch.reset(self._key, self.num_envs)
+        start_key, self._key = jax.random.split(_key(self.np_random))
+        self._state, self._steps = self._batch.reset(start_key, self.num_envs), 0
         return np.array(self._state.obs), self._infos()
 
     def step(self, actions: np.ndarray):
@@ -179,6 +180,11 @@ def _spaces() -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
 
 
 def _checked(render_mode: str | None) -> str | None:
+    allowed = _METADATA["render_modes"]
+    if render_mode not in (None, *allowed):
+        raise UserError(
+            f"render_mode: got {render_mode!r}, allowed: None, {', '.join(allowed)}; choose one"
+        )
     if render_mode is not None:
         opengl.platform()
     return render_mode

@@ -41,9 +41,9 @@ def _engine(name, parts, shapes):
 
 
 @functools.cache
-def _start_pool(parts: config.Scene) -> np.ndarray:
+def _start_pool() -> np.ndarray:
     with jax.ensure_compile_time_eval():
-        return randomize.start_pool(chain(build(parts)))
+        return randomize.start_pool(chain(build(config.Scene())))
 
 
 def make_env(
@@ -61,7 +61,7 @@ def make_env(
     known = shapes_known(options)
     physics, scene = engine(select.resolve(options.engine), options.scene, known)
     distribution = randomize.Distribution(
-        start_qpos=_start_pool(options.scene),
+        start_qpos=_start_pool(),
         shapes=tuple(map(known.index, read(options.shape))) if shapes is None else shapes,
         shift=options.shift if shift is None else shift,
         friction=options.scene.friction,

@@ -6,6 +6,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
+from crsfd_jax import env
 from crsfd_jax.demos import dataset, replay
 from crsfd_jax.errors import UserError
 from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE
@@ -84,6 +85,19 @@ def test_another_action_scale_is_refused(few):
     other = dataclasses.replace(few.provenance, action_scale=scale)
     with pytest.raises(UserError, match=r"action scale .*0\.02"):
         replay.replay(dataclasses.replace(few, provenance=other), "native")
+
+
+def test_a_shape_in_another_file_is_refused(few, tmp_path):
+    (tmp_path / "plus.txt").write_text(".#.\n###\n.#.\n")
+    source = dataclasses.replace(few.provenance, shape=str(tmp_path / "plus.txt"))
+    with pytest.raises(UserError, match=r"plus\.txt', a file, expected a digit or a grid itself"):
+        replay.replay(dataclasses.replace(few, provenance=source), "native")
+
+
+def test_an_episode_that_ends_a_step_early_does_not_go_on_as_another(few, monkeypatch):
+    monkeypatch.setattr(env, "SUCCESS_DEPTH", 0.025)
+    played = replay.replay(few, "native")
+    assert played.success.all() and played.deviation.max() < 2e-3
 
 
 @pytest.mark.parametrize(

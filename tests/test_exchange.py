@@ -167,6 +167,18 @@ UNFIT = {
         lambda f: f["data"].attrs.__delitem__("provenance"),
         "lacks the attribute provenance",
     ),
+    "a column short": (
+        lambda f: _provenance(f, obs_layout=builtin.load("builtin").provenance.obs_layout[1:]),
+        "provenance.obs_layout has 28 entries, expected 29",
+    ),
+    "an action short": (
+        lambda f: _provenance(f, action_scale=[0.01] * 5),
+        "provenance.action_scale has 5 entries, expected 6",
+    ),
+    "an episode that is an array": (
+        _replace("data/demo_3", np.zeros(3, "f4")),
+        "data holds demo_3, expected the groups",
+    ),
     "no env_args": (lambda f: f["data"].attrs.__delitem__("env_args"), "env_args is no JSON"),
     "no data": (lambda f: f.__delitem__("data"), "lacks the group data"),
     "odd name": (lambda f: f.move("data/demo_3", "data/demo_x"), "data holds demo_x"),

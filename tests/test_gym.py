@@ -112,6 +112,13 @@ def test_keywords_reach_the_task():
     assert (told.scene.friction, told.scene.clearance) == (0.5, 2e-3)
 
 
+@pytest.mark.parametrize("make", [gymnasium.make_vec, crsfd_jax.gym.InsertionVector])
+def test_a_mode_that_cannot_be_rendered_is_refused(make):
+    name = (crsfd_jax.gym.ID,) if make is gymnasium.make_vec else ()
+    with pytest.raises(ValueError, match="render_mode: got 'human', allowed: None, rgb_array"):
+        make(*name, render_mode="human")
+
+
 def test_an_unknown_keyword_is_refused():
     with pytest.raises(TypeError, match="shpae"):
         gymnasium.make(crsfd_jax.gym.ID, shpae="2")

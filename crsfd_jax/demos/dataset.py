@@ -8,7 +8,7 @@ observation and action. Nothing is ever unpickled.
     reward          [N] float32      sparse: 1 where terminated, else 0
     next_obs        [N, O] float32   after the action
     terminated      [N] bool         fully inserted, only at the last step of an episode
-    truncated       [N] bool         time limit hit, only at the last step of an episode
+    truncated       [N] bool         ended without, only at the last step of an episode
     episode_length  [K] int32        adds up to N; episodes follow each other
     start_qpos      [K, 7] float32   joint angles at the start, rad
     socket_offset   [K, 2] float32   of the socket from its nominal place, m

@@ -19,8 +19,8 @@ def import_file(source: str, out: str) -> dataset.Demonstrations:
     files.reserve(out)
     try:
         demos = _read(source)
-        layout.check_task(demos)
         dataset.check(demos, OBS_SIZE, ACTION_SIZE, source)
+        layout.check_task(demos)
     except UserError as error:
         named = str(error) if source in str(error) else f"{source}: {error}"
         raise UserError(named) from None

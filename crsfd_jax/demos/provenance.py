@@ -82,6 +82,8 @@ def check_scene(source: Provenance) -> None:
         count = len(shapes.read(source.shape))
         if count != 1:
             raise ValueError(f"got {count} shapes, expected one")
+        if shapes.inlined(source.shape) != source.shape:
+            raise ValueError(f"got {source.shape!r}, a file, expected a digit or a grid itself")
     except ValueError as error:
         raise UserError(f"provenance.shape: {error}") from None
     scene = Scene(clearance=source.clearance_m)

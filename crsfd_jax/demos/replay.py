@@ -22,7 +22,8 @@ class Replayed(NamedTuple):
     recorded_success: np.ndarray
     """[K] bool, inserted according to the file."""
     deviation: np.ndarray
-    """[K] m, largest distance between replayed and recorded tip position."""
+    """[K] m, largest distance between replayed and recorded tip position; infinite where the
+    simulation broke down."""
 
 
 def replay(demos: Demonstrations, engine: str = "auto") -> Replayed:
@@ -38,6 +39,7 @@ def replay(demos: Demonstrations, engine: str = "auto") -> Replayed:
     start = _start(env, demos)
     tips, terminated = jax.jit(_roll, static_argnums=0)(env, start, actions)
     distance = np.linalg.norm(np.asarray(tips)[..., :3] - recorded, axis=-1)
+    distance = np.nan_to_num(distance, nan=np.inf)
     return Replayed(
         success=np.any(np.asarray(terminated) & is_played, axis=0),
         recorded_success=episode_success(demos),
@@ -72,7 +74,8 @@ def _start(env: Env, demos: Demonstrations) -> EnvState:
 
 def _roll(env: Env, start: EnvState, actions: jax.Array):
     def body(state, action):
-        state, outcome = env.step(state, action, jax.random.key(0))
+        # Not `step`: an episode that ends a step early must not go on as another one.
+        state, outcome = env.advance(state, action)
         return state, (outcome.tip, outcome.terminated)
 
     return jax.lax.scan(body, start, actions)[1]

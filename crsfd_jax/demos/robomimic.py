@@ -118,9 +118,11 @@ def _check_environment(data: Any) -> None:
 
 def _episode_names(data: Any) -> list[str]:
     names = list(data)
-    odd = [name for name in names if not re.fullmatch(r"demo_\d{1,9}", name)]
+    odd = [n for n in names if not (re.fullmatch(r"demo_\d{1,9}", n) and hasattr(data[n], "keys"))]
     if odd or not names:
-        raise UserError(f"data holds {odd[0] if odd else 'nothing'}, expected demo_0, demo_1, ...")
+        raise UserError(
+            f"data holds {odd[0] if odd else 'nothing'}, expected the groups demo_0, demo_1, ..."
+        )
     return sorted(names, key=lambda name: int(name.removeprefix("demo_")))
 
 

@@ -178,6 +178,8 @@ class Search:
 def main(argv: list[str]) -> None:
     """Prints a line for each run and draws two maps of each."""
     options = cli.parse(Search, argv)
+    if not options.picture.absolute().parent.is_dir():
+        raise UserError(f"{options.picture}: allowed: a folder that exists; make it first")
     compile_cache.enable()
     shown = []
     for run in (options.run, *options.others):
