@@ -13,11 +13,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from crsfd_jax import config
 from crsfd_jax.physics import mjx, native
 from crsfd_jax.physics.interface import Engine, PhysicsState, Surroundings
 from crsfd_jax.scene import build, kinematics
+
+settings.register_profile("slow machine", deadline=None)
+settings.load_profile("slow machine")
 
 PLACES = 256
 """Poses solved at once, so that the inverse kinematics compiles once."""

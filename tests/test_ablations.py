@@ -93,7 +93,7 @@ def test_an_arm_differs_from_the_method_in_one_option(name, changed):
     arm, whole = algorithms.load(name), algorithms.load("crsfd")
     expected = dataclasses.replace(config.potential, **changed)
     assert arm.configure(config) == dataclasses.replace(config, potential=expected)
-    assert arm._replace(configure=whole.configure) == whole
+    assert arm._replace(configure=whole.configure, idle=whole.idle) == whole
 
 
 @pytest.mark.parametrize("name", ["crsfd", "crsfd_no_free_space"])

@@ -234,3 +234,11 @@ def test_only_the_first_of_several_processes_draws_curves(config, tmp_path, monk
     at = Standing(step=16, success=[1.0] * config.seeds)
     nothing = run_folder.at(tmp_path)
     assert bookkeeping.conclude(bookkeeping.Run(config, nothing, None, at)) == 0
+
+
+def test_runs_of_one_program_share_its_time(config, tmp_path, monkeypatch):
+    nothing = run_folder.at(tmp_path)
+    runs = [bookkeeping.Run(config, nothing, None, Standing(wall_s=wall)) for wall in (1.0, 2.0)]
+    monkeypatch.setattr(bookkeeping.time, "monotonic", lambda: 110.0)
+    assert bookkeeping.share_time(runs, 100.0) == 110.0
+    assert [each.at.wall_s for each in runs] == [6.0, 7.0]

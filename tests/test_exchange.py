@@ -143,6 +143,7 @@ def _loop(file):
     file["data/demo_0/again"] = file["data"]
 
 
+FIRST = builtin.load("builtin").episode_length[0]
 NESTED = {"robots": ["Sawyer"]}
 UNFIT = {
     "other robot": (
@@ -187,10 +188,13 @@ UNFIT = {
         "episode 2: obs is float32",
     ),
     "loud action": (
-        _replace("data/demo_0/actions", np.full((24, 6), 9.0, "f4")),
-        "",
+        _replace("data/demo_0/actions", np.full((FIRST, 6), 9.0, "f4")),
+        r"values of action outside \[-1, 1\]",
     ),
-    "not a number": (_replace("data/demo_0/rewards", np.full(24, np.nan, "f4")), ""),
+    "not a number": (
+        _replace("data/demo_0/rewards", np.full(FIRST, np.nan, "f4")),
+        "non-finite values, first at reward",
+    ),
     "soft link": (
         _replace("data/demo_0/rewards", h5py.SoftLink("/data/demo_1/rewards")),
         "soft or external link; refused",

@@ -1,6 +1,7 @@
 """The task through Gymnasium: its checkers pass, batches reset in the step that ends an episode."""
 
 import importlib.util
+import itertools
 import re
 import subprocess
 import sys
@@ -143,6 +144,13 @@ def test_a_reset_without_a_seed_goes_on_with_new_episodes(single):
     second, _ = single.reset()
     again, _ = single.reset(seed=1)
     assert (first != second).any() and (first == again).all()
+
+
+def test_a_batch_goes_on_with_new_episodes_in_every_row(batch):
+    given = roll(batch, 2 * TASK["horizon"], 0)
+    begun = [given[step][0] for step in (0, TASK["horizon"], 2 * TASK["horizon"])]
+    for one, other in itertools.combinations(begun, 2):
+        assert (one != other).any(axis=1).all()
 
 
 def test_a_batch_says_in_its_metadata_how_it_resets(batch):

@@ -139,6 +139,11 @@ def test_each_effect_is_drawn_for_itself_and_leaves_the_others_as_they_were(pool
     np.testing.assert_allclose(is_delayed.mean(), 0.5, atol=0.02)
     assert len(np.unique(seed)) > COUNT - 10
     np.testing.assert_allclose([yaw.min(), yaw.max()], [-0.05, 0.1], atol=1e-4)
+    for drawn_gains, ends in zip(gains.T, (TRAINING.stiffness, TRAINING.damping), strict=True):
+        ends_found = drawn_gains.min(), drawn_gains.max()
+        np.testing.assert_allclose(ends_found, (min(ends), max(ends)), atol=1e-3)
+    inside = [(low <= offset) & (offset <= high) for low, high in _ranges(TRAINING.encoder_offset)]
+    assert np.any(inside, axis=0).all()
 
 
 def _ranges(ends):

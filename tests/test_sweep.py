@@ -19,7 +19,7 @@ from crsfd_jax.errors import STOPPED, UserError
 from crsfd_jax.options.randomisation import TRAINING
 from crsfd_jax.options.run_name import run_name
 from crsfd_jax.storage import artefacts, metrics
-from crsfd_jax.sweeps import attempt, cells, demonstrations, slurm_array, state
+from crsfd_jax.sweeps import attempt, cells, demonstrations, local_pool, slurm_array, state
 from crsfd_jax.sweeps.attempt import Plan
 from crsfd_jax.sweeps.grid import METHODS
 
@@ -500,18 +500,27 @@ def test_a_signal_after_the_last_cell_changes_nothing(tmp_path):
 
 def test_a_run_started_by_hand_leaves_those_beside_it_to_the_sweep(file, out, monkeypatch):
     """Started in the moment between the look at its lock and the start of the group."""
-    monkeypatch.setenv("FAKE_STEP_S", "5")
+    monkeypatch.setenv("FAKE_STEP_S", "60")
     chosen = cells.load(str(file)).cells
     process = subprocess.Popen([*FAKE, *chosen[1].arguments, "--out", str(out / NAMES[1])])
-    wait_for(lambda: (out / NAMES[1] / "metrics.csv").is_file())
+    wait_for(lambda: starts(out, NAMES[1]))
     monkeypatch.setenv("FAKE_STEP_S", "0")
     looks = iter([False] * 3)
     is_held = state.is_held
     monkeypatch.setattr(state, "is_held", lambda path: next(looks, is_held(path)))
     ended = {end.name: end.word for end in attempt.run_group(chosen, Plan(out, FAKE))}
     assert ended == dict(zip(NAMES, ("done", "busy", "done"), strict=True))
-    process.terminate()
-    assert process.wait(timeout=60) == STOPPED
+    process.kill()
+    process.wait(timeout=60)
+
+
+@pytest.mark.parametrize(
+    ("workers", "shares"),
+    [(2, [[0, 2], [1, 3]]), (3, [[0, 3], [1], [2]]), (5, [[0], [1], [2], [3], [0]])],
+)
+def test_workers_share_the_cores(monkeypatch, workers, shares):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
+    assert local_pool._core_shares(workers) == shares
 
 
 def test_the_log_of_a_cell_that_is_busy_is_let_go(file, out, monkeypatch):

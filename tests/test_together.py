@@ -89,6 +89,10 @@ def test_new_episodes_and_evaluations_are_of_the_runs_own_task(programs):
     ]
     both, one, other = map(numbers, played)
     np.testing.assert_array_equal(both[".shape"], joined(one, other)[".shape"])
+    assert (begun[2].env.physics.qpos[0] != begun[2].env.physics.qpos[1]).any(axis=-1).all()
+    later = programs[2].evaluate(begun[2].agent.actor, programs[2].own, np.int32(1024))
+    of_seeds = [*other[".shape"], *numbers(later)[".shape"]]
+    assert len({tuple(drawn) for drawn in of_seeds}) == len(of_seeds) == 4, "not fresh"
     advanced = [
         made.advance(states, made.own, np.int32(0))[0]
         for made, states in zip(programs, begun, strict=True)
