@@ -11,7 +11,7 @@ from crsfd_jax.report import summary, tables
 from crsfd_jax.report.cells import Cell
 from crsfd_jax.report.evidence import show, thousands
 from crsfd_jax.report.methods import rank
-from crsfd_jax.report.pairing import OURS, meetings
+from crsfd_jax.report.pairing import OURS, all_interact, meetings
 from crsfd_jax.report.summary import LEVEL, Scores
 from crsfd_jax.report.tables import Table
 from crsfd_jax.report.words import by_size
@@ -64,7 +64,7 @@ def _side(each: Scores, side: int, cell: Cell) -> str:
 
 def _gaps(pairs: Sequence[tuple[Cell, Cell]], found: Sequence[Scores]) -> Iterator[str]:
     """One level is no curve: what does not interact differs by its success alone."""
-    acting = all(cell.interacts for pair in pairs for cell in pair)
+    acting = all_interact(pairs)
     for what in ("area", "exploring", "final"):
         estimate = summary.difference(found, what)
         is_said = np.isfinite(estimate.value) and (acting or what == "final")

@@ -88,6 +88,11 @@ def common_steps(ours: Cell, theirs: Cell) -> np.ndarray:
     return np.array(sorted(set.intersection(*each))) if each else ours.curve.env_steps
 
 
+def all_interact(pairs: Sequence[tuple[Cell, Cell]]) -> bool:
+    """Whether every cell has a curve; of one level areas mean nothing."""
+    return all(cell.interacts for pair in pairs for cell in pair)
+
+
 def _pair(ours: Sequence[Cell], theirs: Sequence[Cell]) -> tuple[Cell, Cell]:
     return max(itertools.product(ours, theirs), key=_weight)
 

@@ -9,7 +9,7 @@ from crsfd_jax.report import paper, trials
 from crsfd_jax.report.cells import Cell, unusual_options
 from crsfd_jax.report.evidence import show
 from crsfd_jax.report.methods import style
-from crsfd_jax.report.pairing import rivals
+from crsfd_jax.report.pairing import all_interact, rivals
 from crsfd_jax.report.summary import LEVEL, Comparison, compare, summarise
 from crsfd_jax.report.trials import Trials
 
@@ -163,7 +163,7 @@ def _result(cell: Cell) -> tuple[str, ...]:
 def _comparison(found: Comparison, pairs: Sequence[tuple[Cell, Cell]]) -> tuple[str, ...]:
     """One level is no curve: a method that does not interact is compared by its success alone."""
     low, high = min(found.steps), max(found.steps)
-    acting = all(cell.interacts for pair in pairs for cell in pair)
+    acting = all_interact(pairs)
     return (
         show(found.area, "+.3f") if acting else "-",
         show(found.exploring, "+.3f") if found.exploring else "-",
