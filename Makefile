@@ -1,12 +1,13 @@
 # make train: sets up from nothing and learns shape 2 from demonstrations of shape 0
 # make test:  sets up from nothing, then lint, types and tests
+# make extras: also installs what only some need (Ray, submitit, wandb, the viewer), and tests that
 PYTHON ?= python3
 ARGS ?= --shape 2
 BIN := .venv/bin
 # A process for each core; tests of a file share what is slow to make.
 PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile
 
-.PHONY: setup train test slow faults bench
+.PHONY: setup train test extras slow faults bench
 
 setup: .venv/ready
 
@@ -23,6 +24,10 @@ test: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(PYTEST)
+
+extras: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[ray,slurm,wandb,view,video]"
+	$(PYTEST) tests/test_sweep.py tests/test_logging.py tests/test_viewer.py
 
 slow: setup
 	$(BIN)/python -m pytest -m slow

@@ -6,11 +6,10 @@ Imports neither jax nor mujoco, so that a bad command line is answered at once.
 
 import contextlib
 import io
-import os
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, TextIO, TypeVar
+from typing import Any, TypeVar
 
 import tyro
 
@@ -19,6 +18,7 @@ from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.options.limits import check_limits, choice_message
 from crsfd_jax.options.smoke import smoke_sized
 from crsfd_jax.options.validation import validate
+from crsfd_jax.silence import silence
 
 ConfigT = TypeVar("ConfigT")
 
@@ -41,7 +41,7 @@ def parse(
             config = tyro.cli(config_type, args=list(argv), prog=_program_name(), default=start)
     except BrokenPipeError:
         # Of --help: it has been read as far as anybody wanted.
-        _fall_silent(sys.stdout)
+        silence(sys.stdout)
         sys.exit(0)
     except SystemExit as stop:
         if stop.code in (None, 0):
@@ -77,7 +77,7 @@ def main(function: Callable[[list[str]], int | None]) -> None:
         _complain("stopped; the same command starts again")
         code = STOPPED
     except BrokenPipeError:
-        _fall_silent(sys.stdout)
+        silence(sys.stdout)
         code = STOPPED
     sys.exit(code or 0)
 
@@ -87,12 +87,7 @@ def _complain(line: str) -> None:
     try:
         print(line, file=sys.stderr, flush=True)
     except OSError:
-        _fall_silent(sys.stderr)
-
-
-def _fall_silent(stream: TextIO) -> None:
-    """Nobody reads it any more: what is still in its buffer must not be written either."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        silence(sys.stderr)
 
 
 def _program_name() -> str | None:

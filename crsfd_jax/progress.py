@@ -2,7 +2,6 @@
 
 import contextlib
 import datetime
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -10,6 +9,8 @@ from typing import TextIO
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
+
+from crsfd_jax.silence import silence
 
 Update = Callable[[int, Sequence[float]], None]
 
@@ -122,7 +123,4 @@ class _Unbreakable:
         try:
             yield
         except OSError:
-            # What is still in the stream's buffer would fail again when the process ends.
-            null = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(null, self._stream.fileno())
-            os.close(null)
+            silence(self._stream)

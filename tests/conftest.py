@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from crsfd_jax import config
+from crsfd_jax import compile_cache, config
 from crsfd_jax.physics import mjx, native
 from crsfd_jax.physics.interface import Engine, PhysicsState, Surroundings
 from crsfd_jax.scene import build, kinematics
 
+# The second time they find what the first compiled: most of their time.
+compile_cache.enable()
 settings.register_profile("slow machine", deadline=None)
 settings.load_profile("slow machine")
 

@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = "crsfd_jax"
 ORDER = tuple(
     """
-    errors extras types intervals
+    errors extras types intervals silence
     storage.files storage.npz options.units options.names options.limits options.shapes
     options.field_types options.randomisation config options.smoke options.schedule
     options.validation cli options.keywords options.run_name options.together options.trials

@@ -53,6 +53,35 @@ def test_what_the_documents_quote_is_there():
     assert not [(name, m[0]) for name, m in quoted if values(m) not in made]
 
 
+def leads() -> dict[tuple[str, ...], tuple[list[str], list[tuple[float, ...]]]]:
+    """(shape, shift, steps) -> seeds and results of CRSfD and SACfD, and their differences."""
+    found = {}
+    for section in (RESULTS / numbers.FILE).read_text().split("\n## Differences: ")[1:]:
+        title, rows = section.split(" steps\n", 1)
+        shift, steps = title.lower().split(", ")
+        for shape, *sides, differences in re.findall(
+            r"^\| (\d) \| CRSfD \| SACfD \| (\d+) \| ([^|]+) \| ([^|]+) \| (.*) \|$", rows, re.M
+        ):
+            found[shape, shift, steps] = sides, [*map(values, MADE.finditer(differences))]
+    return found
+
+
+@pytest.mark.parametrize(("name", "which"), [("README.md", (0, 2)), ("docs/results.md", (0, 1, 2))])
+def test_each_task_stands_beside_its_own_numbers(name, which):
+    rows = re.findall(
+        r"^\| shape (\d), (.*shift.*?) \| (\d+k), (\d+) \| ([^|]+) \| ([^|]+) \| (.*) \|$",
+        (ROOT / name).read_text(),
+        re.M,
+    )
+    made = leads()
+    assert len(rows) >= 6
+    for shape, shift, steps, *sides, differences in rows:
+        expected, all_three = made[shape, shift, steps]
+        assert sides == expected, (name, shape, shift)
+        said = [*map(values, QUOTED.finditer(differences))]
+        assert said == [all_three[i] for i in which], (name, shape, shift)
+
+
 @pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "docs" / "results.md"], ids=str)
 def test_claims_are_counted_as_they_are_judged(page):
     rows = re.findall(r"^\| (holds|does not hold|undecided) \|", CLAIMS.read_text(), re.M)

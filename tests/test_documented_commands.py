@@ -108,6 +108,7 @@ TRAINED = "needs a policy that inserts; test_recording.py has one"
 NOT_RUN = {
     "make test": "is what runs this",
     "make slow": "is what runs this",
+    "make extras": "installs packages into the environment that runs this",
     "make faults": "is what runs this, for the tests of faults",
     "make bench": "measures for minutes",
     "python -m pytest tests/test_scene.py tests/test_kinematics.py tests/test_engines.py "

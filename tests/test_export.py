@@ -111,6 +111,26 @@ def test_the_contract_describes_observation_and_action(run, tmp_path, links):
     assert told["task"]["shape"] == "2" and told["task"]["clearance"] == 1e-3
 
 
+def test_the_frames_of_the_contract_are_those_of_the_model(run, tmp_path):
+    """A robot that knows its hand's pose has that of the tip in the frame of the observation."""
+    export.run([str(run), "--out", str(tmp_path)])
+    told = json.loads((tmp_path / "policy.json").read_text())["frames"]
+    _, scene = task.engine("native", config.Scene())
+    data, in_hand = mujoco.MjData(scene.model), np.zeros(9)
+    data.qpos[:] = [0.1, 0.2, -0.1, -2.3, 0.1, 2.6, 0.8]
+    mujoco.mj_forward(scene.model, data)
+    base, hand, tip = data.body("link0"), data.body("hand"), data.site("tip")
+    mujoco.mju_quat2Mat(in_hand, np.array(told["tip_in_hand_wxyz"]))
+    turn = hand.xmat.reshape(3, 3)
+    position = hand.xpos + turn @ told["tip_in_hand"]
+    np.testing.assert_allclose(position, tip.xpos, atol=1e-7)
+    np.testing.assert_allclose(turn @ in_hand.reshape(3, 3), tip.xmat.reshape(3, 3), atol=1e-7)
+    nominal = base.xpos + np.array(told["nominal_socket_in_base"])
+    np.testing.assert_allclose(base.xmat.reshape(3, 3), np.eye(3), atol=1e-12)
+    observed = data.actuator_length[:3]
+    np.testing.assert_allclose(position - nominal, observed, atol=1e-7)
+
+
 def test_the_contract_says_what_was_drawn_in_training(run, tmp_path):
     drawn = randomisation.TRAINING
     finished_run.write(

@@ -61,9 +61,9 @@ def test_a_disk_that_fills_up_at_any_moment_stops_a_run_that_goes_on_later(whole
     for trial, n in enumerate(np.random.default_rng(2).integers(1, 60, 6)):
         folder = tmp_path / str(trial)
         code, out = fault_runs.run(folder, fault="full", n=n)
-        assert code in (2, 75), out
+        assert code == (75 if "compiling" in out else 2), out
         assert "o space left" in only_error(out)
-    for trial in range(2):
+    for trial in range(6):
         folder = tmp_path / str(trial)
         code, out = fault_runs.run(folder)
         assert code == 0, out

@@ -56,6 +56,8 @@ def test_a_run_leaves_what_a_person_needs(whole):
     assert table["seed"].tolist() == [0, 1, 0, 1]
     assert (table["env/nonfinite"] == 0).all()
     assert (table["eval/success_rate"] >= 0).all() and (table["eval/success_rate"] <= 1).all()
+    speed = 2 * table["env_steps"] / table["time/wall_s"]
+    np.testing.assert_allclose(table["time/env_steps_per_second"], speed, rtol=1e-6)
 
 
 def test_a_stopped_run_continues_to_the_same_end(whole, tmp_path):

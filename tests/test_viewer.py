@@ -219,11 +219,11 @@ def forces_on_the_peg(page):
     return np.array([force for force in found if np.linalg.norm(force) > 0])
 
 
-@pytest.mark.parametrize("friction", [0.1, 1.0, 3.0])
-def test_a_steady_push_shows_as_such_under_any_friction(loaded, friction):
+def steady_push(loaded, friction):
+    """N upwards on the peg, drawn while a setpoint 5 mm below it pushes it onto the block."""
     state = loaded.reset(SOURCE._replace(friction=friction), jax.random.key(1))
     for _ in range(20):
-        taken = loaded.advance(state, jnp.array([[0.1, 0, -1, 0, 0, 0]]))
+        taken = loaded.advance(state, jnp.array([[0.1, 0, -0.5, 0, 0, 0]]))
         before, state = state, taken.state
     (at,) = pose.between(before, state, taken.setpoint, 1)
     model = model_of(loaded.scene, loaded.scene.shapes.index("2"))
@@ -232,7 +232,18 @@ def test_a_steady_push_shows_as_such_under_any_friction(loaded, friction):
     for i in range(data.ncon):
         mujoco.mj_contactForce(model, data, i, force)
         pushed += force[0]
-    assert pushed == pytest.approx(10, rel=0.05)
+    return pushed
+
+
+@pytest.mark.parametrize("friction", [0.1, 1.0, 3.0])
+def test_a_steady_push_shows_as_such_under_any_friction(loaded, friction):
+    assert steady_push(loaded, friction) == pytest.approx(5, rel=0.05)
+
+
+def test_the_push_of_a_stiffer_arm_shows_as_such():
+    arm = Randomisation(stiffness=(1.3, 1.3))
+    stiffer = live.make(dataclasses.replace(OPTIONS, randomisation=arm), None)
+    assert steady_push(stiffer, 1.0) == pytest.approx(6.5, rel=0.05)
 
 
 def shown_arrows(page):

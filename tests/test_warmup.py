@@ -13,7 +13,8 @@ from crsfd_jax.algorithms.method import Preparation
 from crsfd_jax.config import Config, Potential, Replay
 from crsfd_jax.demos import builtin
 from crsfd_jax.learn import replay
-from crsfd_jax.observation import OBS_SIZE, TIP_POSE
+from crsfd_jax.learn.networks import LOG_STD_RANGE
+from crsfd_jax.observation import ACTION_SIZE, OBS_SIZE, TIP_POSE
 from crsfd_jax.training import train_step, warmup
 
 ENVS = 64
@@ -106,8 +107,8 @@ def test_a_hole_up_to_4_mm_off_is_found_by_the_demonstrations_and_not_at_random(
     assert least <= inserted / (inserted + ended) <= most
 
 
-def stored(algorithm, drawn="auto", **options):
-    """[E, A] actions of the first vector step of a run."""
+def stored(algorithm, drawn="auto", start=lambda state: state, **options):
+    """[E, A] actions of the first vector step of a run, from a state that `start` makes."""
     config = probe_env.config(algorithm=algorithm, potential=Potential(steps=1))
     replay = dataclasses.replace(config.replay, draw_demos=drawn)
     sac = dataclasses.replace(config.sac, **options)
@@ -117,9 +118,9 @@ def stored(algorithm, drawn="auto", **options):
 
     @jax.jit
     def first_actions(key):
-        after, _ = learner.step(learner.init(key, preparation), jnp.int32(0))
-        start = after.replay.num_demos
-        return after.replay.storage.action[start : start + config.envs]
+        after, _ = learner.step(start(learner.init(key, preparation)), jnp.int32(0))
+        first = after.replay.num_demos
+        return after.replay.storage.action[first : first + config.envs]
 
     return np.asarray(first_actions(jax.random.key(0)))
 
@@ -138,5 +139,21 @@ def test_a_run_begins_as_it_is_told():
         np.testing.assert_array_equal(alone, stored(imitator))
 
 
-def test_after_warmup_the_policy_acts():
-    assert (stored("sacfd", warmup_steps=0) != stored("sacfd")).any()
+def constant(actor, mean):
+    """Parameters of the same shapes: normal before the tanh, in the middle of the deviations."""
+    *_, last = sorted(actor["params"])
+    zeros = jax.tree.map(jnp.zeros_like, actor)
+    bias = zeros["params"][last]["bias"].at[:ACTION_SIZE].set(mean)
+    return {"params": zeros["params"] | {last: zeros["params"][last] | {"bias": bias}}}
+
+
+def test_after_warmup_the_newest_actor_acts_and_is_sampled():
+    def start(state):
+        newest, average = (constant(state.agent.actor, mean) for mean in (0.5, -0.5))
+        return state.replace(agent=state.agent.replace(actor=newest, average_actor=average))
+
+    drawn = np.arctanh(stored("sacfd", start=start, warmup_steps=0))
+    deviation = np.exp(np.mean(LOG_STD_RANGE))
+    assert abs(drawn.mean() - 0.5) < 4 * deviation / np.sqrt(drawn.size)
+    assert abs(drawn.std() / deviation - 1) < 4 / np.sqrt(2 * drawn.size)
+    np.testing.assert_array_equal(stored("sacfd", start=start), stored("sacfd"))

@@ -24,6 +24,8 @@ class Pose(NamedTuple):
     """[] rad; None where it is 0."""
     friction: np.ndarray
     """[] sliding friction coefficient between peg and socket."""
+    gains: np.ndarray | None
+    """[2] factors of stiffness and damping; None where they are 1."""
     setpoint: np.ndarray
     """[6] m and rad."""
 
@@ -36,7 +38,7 @@ def between(before: EnvState, after: EnvState, setpoint: np.ndarray, count: int)
     for share in np.linspace(0, 1, count + 1)[1:]:
         qpos, qvel = ((1 - share) * first + share * last for first, last in (ends, speeds))
         place = around.socket_offset, around.socket_yaw
-        yield Pose(qpos, qvel, *place, around.friction, setpoint)
+        yield Pose(qpos, qvel, *place, around.friction, around.gains, setpoint)
 
 
 def still(state: EnvState) -> Pose:
@@ -48,5 +50,8 @@ def put(model: mujoco.MjModel, data: mujoco.MjData, pose: Pose, scene: Scene) ->
     """Brings a simulation of `model_of` the scene to a pose, contact forces included."""
     data.qpos[:], data.qvel[:], data.ctrl[:] = pose.qpos, pose.qvel, pose.setpoint
     model.geom_friction[scene.look_parts, 0] = pose.friction
+    gains = np.ones(2) if pose.gains is None else pose.gains
+    model.actuator_gainprm[:, 0] = scene.look.actuator_gainprm[:, 0] * gains[0]
+    model.actuator_biasprm[:, 1:3] = scene.look.actuator_biasprm[:, 1:3] * gains
     place_socket(data, scene, pose.socket_offset, pose.socket_yaw)
     mujoco.mj_forward(model, data)
