@@ -120,3 +120,23 @@ def test_demonstrated_rows_score_above_experience_after_training_and_not_before(
     assert discriminator.logits(fresh, expert).min() < 0.5
     # The penalty keeps the slope near 1: the clusters lie 2 sqrt(3) / 0.3 = 11.5 spreads apart.
     assert 2.5 < on_expert.mean() - on_agent.mean() < 13
+
+
+def test_the_units_of_features_do_not_matter_to_what_is_learned():
+    expert, agent, _ = (jnp.asarray(rows, jnp.float32) for rows in toy_rows())
+
+    def learned(units):
+        start = discriminator.init(jax.random.key(3), expert * units, (WIDTH,))
+        for key in jax.random.split(jax.random.key(4), 5):
+            start = discriminator.update(start, agent * units, key)
+        return discriminator.logits(start, agent * units)
+
+    plain, other = learned(jnp.ones(FEATURES)), learned(jnp.array([1.0, 8.0, 50.0]))
+    assert np.ptp(plain) > 0.1
+    np.testing.assert_allclose(plain, other, atol=1e-4)
+
+
+def test_a_feature_that_hardly_varies_is_not_blown_up():
+    expert = jnp.asarray(toy_rows()[0], jnp.float32) * jnp.array([1e-3, 0.0, 1.0])
+    spread = discriminator.init(jax.random.key(0), expert, ()).spread
+    np.testing.assert_allclose(spread, [0.1, 0.1, np.std(expert[:, 2])], rtol=1e-6)

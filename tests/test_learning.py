@@ -16,3 +16,6 @@ def test_shape_2_is_learned_from_demonstrations_of_shape_0(tmp_path):
     table = metrics.read(tmp_path / "run" / "metrics.csv")
     last = table["env_steps"] == table["env_steps"].max()
     assert (table["eval/success_rate"][last] >= 0.95).all()
+    first_half = table["env_steps"] <= table["env_steps"].max() / 2
+    # The lowest of ten seeds has 0.61 (results/early); without shaping the highest has 0.60.
+    assert table["eval/success_rate"][first_half].mean() > 0.605

@@ -5,7 +5,7 @@ import pytest
 from report_runs import STEPS, cells_of, make_run, played, rising, transfer_run
 
 from crsfd_jax.config import Potential, Replay
-from crsfd_jax.report import differences, markdown, numbers, page
+from crsfd_jax.report import differences, markdown, numbers, page, tables
 
 WITHOUT_ROWS = {"replay": Replay(draw_demos="no")}
 COLD = {"potential": Potential(gamma=0.9)}
@@ -60,6 +60,10 @@ def test_a_method_that_does_not_interact_meets_runs_of_any_length(tmp_path):
     (row,) = differences.find(cells_of(tmp_path))[0][1].rows
     assert row[:3] == ("2", "CRSfD", "BC")
     assert row[5] == "1.000, no steps" and row[6:8] == ("-", "-")
+    by_method = {row[1]: row for row in tables.results(cells_of(tmp_path)).rows}
+    assert by_method["CRSfD"][3] == "1,000" and float(by_method["CRSfD"][8]) > 0
+    level = by_method["BC"]
+    assert (level[3], level[6], level[8]) == ("no interaction", "", "")
 
 
 def test_a_row_says_what_is_worked_out_by_hand(tmp_path):

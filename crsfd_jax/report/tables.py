@@ -143,19 +143,19 @@ def duration(seconds: float) -> str:
 def _result(cell: Cell) -> tuple[str, ...]:
     found = summarise(cell)
     reached = f"{found.steps_to_level:,.0f}"
+    if not math.isfinite(found.steps_to_level):
+        reached = "not reached"
+    curve = f"{cell.steps:,}", reached, f"{found.area:.3f}"
+    steps, reached, area = curve if cell.interacts else ("no interaction", "", "")
     return (
         name(cell),
         str(len(cell.seeds)),
-        f"{cell.steps:,}" if cell.interacts else "no interaction",
+        steps,
         f"{found.mean:.3f} ± {found.std:.3f}",
         show(found.interquartile),
-        ""
-        if not cell.interacts
-        else reached
-        if math.isfinite(found.steps_to_level)
-        else "not reached",
+        reached,
         f"{found.seeds_at_level} of {len(cell.seeds)}",
-        f"{found.area:.3f}",
+        area,
         duration(found.wall_s),
     )
 

@@ -8,7 +8,7 @@ Arguments = tuple[str, ...]
 METHODS = ("crsfd", "sacfd", "sac", "bc", "rlpd", "rsgm", "pofd", "sqil", "gail", "gaifo")
 """What the paper compares and RLPD, the most telling first."""
 _STEPS = "300000"
-_STEPS_OF = {"bc": "40960"}
+_STEPS_OF = {"bc": "40000"}
 """BC never meets its environment: steps only count its updates, and 9,728 of them are plenty."""
 
 
