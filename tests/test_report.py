@@ -770,6 +770,18 @@ def test_the_page_needs_nothing_but_itself(tmp_path):
     assert again.read_text() == file.read_text()
 
 
+def test_figures_come_first_and_other_options_are_folded_away(tmp_path):
+    make_run(tmp_path / "r" / "a", "crsfd")
+    make_run(tmp_path / "r" / "b", "crsfd", seed=5)
+    make_run(tmp_path / "r" / "c", "crsfd", potential=Potential(gamma=0.9))
+    text = page.write(page.collect([str(tmp_path / "r")]), tmp_path / "out", stub_map).read_text()
+    results, folded = text.index("<h2>Results"), text.index("<summary>with other options")
+    assert text.index("data:image") < results < text.index(">CRSfD<") < folded
+    assert folded < text.index(">CRSfD, gamma_0 0.9<") < text.index("</details>", folded)
+    alone = page.write(page.collect([str(tmp_path / "r" / "a")]), tmp_path / "one", stub_map)
+    assert "with other options" not in alone.read_text()
+
+
 def test_films_that_would_make_the_page_too_large_are_named(tmp_path, monkeypatch):
     for name, size in (("a", 3), ("b", 9)):
         make_run(tmp_path / "r" / name, "crsfd" if name == "a" else "sacfd")

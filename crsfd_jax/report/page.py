@@ -101,8 +101,8 @@ def write(report: Report, folder: Path, value_map: Callable[[Path], str]) -> Pat
         pictures = [_picture(figure, folder) for figure in report.figures]
         body = [
             *_top(report),
-            html.section("Results", html.table(*tables.results(report.cells))),
             html.section("Success against environment steps", *pictures),
+            _results(report.cells),
             _comparisons(report, folder),
             verdicts.section(report.claims),
             trial_sections.held_out([t for t in report.trials if t.held_out], folder),
@@ -130,6 +130,16 @@ def _top(report: Report) -> list[str]:
         html.paragraph(said, "lead"),
         html.paragraph(f"{count} runs, report of {made}.", "quiet"),
     ]
+
+
+def _results(cells: Sequence[Cell]) -> str:
+    """Folds away what has other options, of which studies have more than a page."""
+    usual = tables.results([cell for cell in cells if not cell.variant])
+    others = tables.results([cell for cell in cells if cell.variant])
+    parts = [html.table(*usual)] if usual.rows else []
+    if others.rows:
+        parts.append(html.folded("with other options", html.table(*others)))
+    return html.section("Results", *parts)
 
 
 def _picture(figure: Figure, folder: Path) -> str:
