@@ -5,15 +5,13 @@ bad command line is answered at once.
 """
 
 import dataclasses
-import typing
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from crsfd_jax.errors import UserError
 from crsfd_jax.options import shapes
 from crsfd_jax.options.field_types import (
+    AUTO,
     Count,
     Discount,
     Engine,
@@ -24,13 +22,16 @@ from crsfd_jax.options.field_types import (
     Seed,
     Shape,
     Shift,
+    Steps,
     Weight,
     Widths,
 )
-from crsfd_jax.options.limits import Interval, OneOf, is_like
+from crsfd_jax.options.limits import Interval, OneOf
 from crsfd_jax.options.randomisation import Randomisation
 
 SHAPES = tuple(shapes.GRIDS)
+STEPS, SEARCHING_STEPS = 40_000, 300_000
+"""Environment steps to learn a shape whose hole is in place, and one that must be searched for."""
 _METHOD_FILES = (Path(__file__).parent / "algorithms").glob("*.py")
 ALGORITHMS = tuple(sorted({path.stem for path in _METHOD_FILES} - {"__init__", "method"}))
 """A method is a file of its own name."""
@@ -177,8 +178,8 @@ class Config:
     """Number of seeds, trained side by side in one compiled program."""
     seed: Seed = 0
     """First seed; the others follow it."""
-    steps: Count = 40_000
-    """Environment steps of each seed."""
+    steps: Steps = AUTO
+    """Environment steps of each seed; auto: 40,000, or 300,000 where the hole may have moved."""
     target: Fraction = 0.0
     """Final success rate below which the run ends with exit code 1."""
     engine: Engine = "auto"
@@ -206,44 +207,12 @@ class Config:
     potential: Potential = field(default_factory=Potential)
     evaluation: Evaluation = field(default_factory=Evaluation)
 
+    def __post_init__(self) -> None:
+        if self.steps == AUTO:
+            # From here on it is a number, as every other option is a value.
+            object.__setattr__(self, "steps", SEARCHING_STEPS if self.shift else STEPS)
+
 
 def to_dict(config: Config) -> dict:
     """Plain nested dict of every value, as written to config.json."""
     return dataclasses.asdict(config)
-
-
-def _before(algorithm: Any) -> dict[str, dict[str, Any]]:
-    """What was done before an option could be chosen, where its default is something else."""
-    drew = {"draw_demos": "yes"} if str(algorithm).startswith(("crsfd", "rsgm")) else {}
-    return {"sac": {"reward_scale": 1.0, "actor_tau": 1.0}, "replay": drew}
-
-
-def from_dict(values: Mapping[str, Any]) -> Config:
-    """The inverse of `to_dict`; lists from JSON become tuples.
-
-    An option that is missing, because it is younger than the file, has its default, or what it was
-    before it could be chosen.
-
-    Raises:
-      UserError: an option is unknown, or its value is of another kind.
-    """
-    for part, before in _before(values.get("algorithm", Config.algorithm)).items():
-        if isinstance(given := values.get(part), Mapping):
-            values = {**values, part: {**before, **given}}
-    return _rebuild(Config, values)
-
-
-def _rebuild(kind: Any, values: Any) -> Any:
-    hints = typing.get_type_hints(kind)
-    if not isinstance(values, Mapping):
-        raise UserError(f"got {values!r}, expected the options of {kind.__name__}")
-    if odd := values.keys() - hints.keys():
-        raise UserError(f"options {', '.join(sorted(odd))} are unknown to this version")
-    usual, made = kind(), {}
-    for name, value in values.items():
-        if dataclasses.is_dataclass(hints[name]):
-            value = _rebuild(hints[name], value)
-        elif not is_like(value, getattr(usual, name)):
-            raise UserError(f"{name} is {value!r}, not a value of that option")
-        made[name] = tuple(value) if isinstance(value, list) else value
-    return kind(**made)

@@ -12,7 +12,7 @@ ORDER = tuple(
     """
     errors extras types intervals silence
     storage.files storage.npz options.units options.names options.limits options.shapes
-    options.field_types options.randomisation config options.smoke options.schedule
+    options.field_types options.randomisation config options.stored options.smoke options.schedule
     options.validation cli options.keywords options.run_name options.together options.trials
     interrupt compile_cache progress
     storage.leaves storage.metrics training.troubles curve

@@ -61,7 +61,9 @@ BAD = {
     "--seeds 1.5": "--seeds: got '1.5', allowed: a whole number",
     "--seeds nan": "--seeds: got 'nan', allowed: a whole number",
     "--seed -1": "--seed: got -1",
-    "--steps -5": "--steps: got -5",
+    "--steps -5": "--steps: got -5, allowed: at least 1, or auto",
+    "--steps 0": "--steps: got 0, allowed: at least 1, or auto",
+    "--steps 2000000000": "--steps: got 2000000000, allowed: at least 1 and at most 1000000000",
     "--steps 1e5": "--steps: got '1e5', allowed: a whole number",
     "--steps 2000": "--sac.warmup-steps: got 2000, allowed: at most 1984 of the 2048 that 2000",
     "--algorithm foo": "--algorithm: got 'foo', allowed: bc, crsfd, crsfd_no_free_space,",
@@ -240,6 +242,21 @@ def test_a_run_whose_every_step_is_warm_up_is_refused():
     with pytest.raises(UserError, match=r"--sac.warmup-steps: got 2000, allowed: at most 1984"):
         cli.parse(Config, ["--steps", "2048"])
     assert cli.parse(Config, ["--steps", "2049"]).steps == 2049
+
+
+@pytest.mark.parametrize(
+    ("line", "steps"),
+    [
+        ("", 40_000),
+        ("--shift 8mm", 300_000),
+        ("--shift 8mm --steps auto", 300_000),
+        ("--shift 8mm --steps 40000", 40_000),
+        ("--shift 8mm --smoke", 4096),
+    ],
+)
+def test_a_hole_that_may_have_moved_is_given_more_steps(line, steps):
+    assert cli.parse(Config, line.split()).steps == steps
+    assert to_dict(cli.parse(Config, line.split()))["steps"] == steps
 
 
 def test_values_fit_each_other_in_the_size_that_is_run():

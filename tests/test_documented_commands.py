@@ -30,7 +30,7 @@ RECORDED = {
 """Command -> its file. The shipped demonstrations, of an expert that has trained to the end, take
 the file's place afterwards."""
 IN_ORDER = {
-    f"{TRAIN} --shape 2 --shift 8mm --steps 300000": f"{SMOKE} --out runs/NAME",
+    f"{TRAIN} --shape 2 --shift 8mm": f"{SMOKE} --out runs/NAME",
     f"{TRAIN} --shape all --algorithm sacfd": SMALL,
     f"{TRAIN} --algorithm crsfd --shape 2": SMOKE,
     f"{TRAIN} --algorithm sqil --shape 2 --smoke": SMALL,
@@ -78,8 +78,8 @@ IN_ORDER = {
     "python -m crsfd_jax.report experiments/results_newest_actor --out runs/newest": "",
     "python -m crsfd_jax": "",
     "make train": f"ARGS='{SMOKE} --out {{folder}}/runs/made'",
-    'make train ARGS="--shape 2 --shift 8mm --steps 300000"': (
-        f"ARGS='--shape 2 --shift 8mm --steps 300000 {SMOKE} --out {{folder}}/runs/made-8mm'"
+    'make train ARGS="--shape 2 --shift 8mm"': (
+        f"ARGS='--shape 2 --shift 8mm {SMOKE} --out {{folder}}/runs/made-8mm'"
     ),
 }
 """Commands in an order in which each finds its files, and what makes them small."""
@@ -116,7 +116,7 @@ NOT_RUN = {
     "pip install -e '.[cuda,warp]'": "gigabytes, for NVIDIA GPUs",
     "pip install -e '.[cuda]'": "gigabytes, for NVIDIA GPUs",
     f"{SWEEP} transfer --only 'crsfd-shape2-shift2mm-randomised-*'": "a whole run",
-    f"{TRAIN} --shape 1 --and --shape 3 --shift 8mm": "two whole runs; test_sweep.py has a pair",
+    f"{TRAIN} --shape 1 --shift 4mm --and --shape 3 --shift 8mm": "two runs; test_sweep has a pair",
     f"{DEMOS} from-run runs/NAME --out next.npz": TRAINED,
     f"{DEMOS} from-run runs/NAME --out near.npz --shift 4mm --noise 1.5 --seed 2": TRAINED,
     f"{TRAIN} --shape 2 --engine warp --envs 1024 --sac.updates-per-step 256": "needs a GPU",

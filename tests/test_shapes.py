@@ -10,7 +10,7 @@ import pytest
 
 from crsfd_jax import cli, config, env, task
 from crsfd_jax.errors import UserError
-from crsfd_jax.options import shapes, validation
+from crsfd_jax.options import shapes, stored, validation
 from crsfd_jax.options.run_name import run_name
 from crsfd_jax.physics import native
 from crsfd_jax.physics.interface import Surroundings
@@ -34,7 +34,7 @@ def test_a_file_becomes_its_grid_in_the_options(key):
     assert shapes.grid(options.shape) == tuple(KEY.split())
     assert run_name(options) == "crsfd-shapekey-shift0mm-seed0x5"
     key.write_text("###\n")
-    assert config.from_dict(config.to_dict(options)).shape == INLINE, "the file is read again"
+    assert stored.from_dict(config.to_dict(options)).shape == INLINE, "the file is read again"
 
 
 def test_the_grid_itself_can_stand_on_the_command_line():

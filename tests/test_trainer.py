@@ -235,7 +235,7 @@ def test_steps_may_grow_whatever_the_buffer_was_fitted_to(tmp_path):
 def test_config_survives_json(tmp_path):
     import json
 
-    from crsfd_jax.config import from_dict
+    from crsfd_jax.options.stored import from_dict
 
     config = Config(shape="4", shift=0.006)
     assert from_dict(json.loads(json.dumps(to_dict(config)))) == config

@@ -196,10 +196,11 @@ def test_the_seed_chooses_the_policy(page, monkeypatch):
 def test_speed_is_the_time_that_a_step_is_given(page):
     from crsfd_jax.viewer import session
 
-    for speed, expected in ((1.0, CONTROL_DT), (0.1, 10 * CONTROL_DT)):
+    # What is not slept the step takes itself, on a slow machine more than a tenth of a second.
+    for speed, least, most in ((1.0, 0.0, CONTROL_DT), (0.1, 3 * CONTROL_DT, 10 * CONTROL_DT)):
         page.panel.speed.value, slept = speed, []
         session.step(page, sleep=slept.append)
-        assert len(slept) == session.FRAMES and 0.3 * expected <= sum(slept) <= expected + 1e-6
+        assert len(slept) == session.FRAMES and least <= sum(slept) <= most + 1e-6
 
 
 def test_an_episode_ends_at_the_horizon_and_is_counted(page):

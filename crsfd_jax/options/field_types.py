@@ -27,6 +27,31 @@ _SHAPE_SPEC = tyro.constructors.PrimitiveConstructorSpec(
 Shape = Annotated[str, _SHAPE_SPEC, ReadBy(shapes.read)]
 """What `shapes.read` takes; the command line replaces files by the grids in them."""
 Count = Annotated[int, Interval(1, 1_000_000_000)]
+AUTO = 0
+"""A number of steps that is left to the task."""
+
+
+def _read_steps(text: str) -> int:
+    if text == "auto":
+        return AUTO
+    try:
+        steps = int(text)
+    except ValueError:
+        raise ValueError(f"got {text!r}, allowed: a whole number, or auto") from None
+    if steps < 1:
+        raise ValueError(f"got {steps}, allowed: at least 1, or auto")
+    return steps
+
+
+_STEPS_SPEC = tyro.constructors.PrimitiveConstructorSpec(
+    nargs=1,
+    metavar="INT|auto",
+    instance_from_str=lambda args: _read_steps(args[0]),
+    is_instance=lambda value: isinstance(value, int),
+    str_from_instance=lambda value: ["auto" if value == AUTO else str(value)],
+)
+Steps = Annotated[Count, _STEPS_SPEC]
+"""A count, or auto on the command line."""
 Weight = Annotated[float, Interval(0, 1000)]
 PositiveRate = Annotated[float, Interval(0, 1, open="low")]
 Fraction = Annotated[float, Interval(0, 1)]

@@ -61,7 +61,7 @@ def require_alike(configs: Sequence[Config]) -> None:
             if name not in OWN and one[name] != other[name]:
                 raise UserError(
                     f"--{name.replace('_', '-')}: got {one[name]} and {other[name]}, allowed to "
-                    f"differ beside {MARK}: {free}; train the runs apart"
+                    f"differ beside {MARK}: {free}; give both the same or train the runs apart"
                 )
         raise UserError(
             f"--shape: got {first.shape} and {config.shape}, allowed beside {MARK}: as many shapes "

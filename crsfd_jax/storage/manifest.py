@@ -9,8 +9,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from crsfd_jax.config import Config, from_dict, to_dict
+from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import UserError
+from crsfd_jax.options.stored import from_dict
 from crsfd_jax.storage.files import write_text
 
 PACKAGES = (

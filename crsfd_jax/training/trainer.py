@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from crsfd_jax import algorithms
-from crsfd_jax.config import Config, from_dict, to_dict
+from crsfd_jax.config import Config, to_dict
 from crsfd_jax.demos.dataset import Demonstrations, check_units
 from crsfd_jax.errors import STOPPED, USAGE, UserError
 from crsfd_jax.interrupt import Interrupt
@@ -28,6 +28,7 @@ from crsfd_jax.options.schedule import (
     total_env_steps,
     total_steps,
 )
+from crsfd_jax.options.stored import from_dict
 from crsfd_jax.physics.interface import CONTROL_DT
 from crsfd_jax.progress import progress, say
 from crsfd_jax.storage import artefacts, metrics
