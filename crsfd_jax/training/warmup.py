@@ -1,8 +1,8 @@
 """Actions before the first update: at random, or imitating demonstrations.
 
 With demonstrations in the batches a success is known from the first update. Without them a run
-has to meet one: after a warm-up at random most runs with a hole up to 4 mm off needed 20,000 to
-80,000 steps for that, and one of thirty met none in 300,000. The action that was demonstrated at
+has to meet one: after a warm-up at random most runs with a hole up to 4 mm off needed 10,000 to
+51,000 steps for that, and one of thirty met none in 300,000. The action that was demonstrated at
 the nearest tip pose, with noise, inserts three of ten pegs there in whole episodes
 (docs/when_shaping_helps.md).
 """
