@@ -140,7 +140,9 @@ def test_runs_that_cannot_share_a_program_are_refused(change, answer):
 
 def test_runs_that_differ_in_their_task_and_place_alone_can():
     other = dataclasses.replace(PAIR[1], out="x", target=0.5, clips=True, log="wandb")
-    together.require_alike([PAIR[0], other])
+    together.require_alike([PAIR[0], dataclasses.replace(other, steps=PAIR[0].steps)])
+    with pytest.raises(UserError, match=r"--steps: got 300000 and 40000.*auto goes by the shift"):
+        together.require_alike([PAIR[0], other])
 
 
 def test_a_wrong_pair_ends_with_one_line_and_exit_code_2(tmp_path):

@@ -59,6 +59,8 @@ def require_alike(configs: Sequence[Config]) -> None:
         one, other = (by_full_name(to_dict(each)) for each in (first, config))
         for name in one:
             if name not in OWN and one[name] != other[name]:
+                # Whoever did not give them has two numbers of steps with and without a shift.
+                free += " (auto goes by the shift)" if name == "steps" else ""
                 raise UserError(
                     f"--{name.replace('_', '-')}: got {one[name]} and {other[name]}, allowed to "
                     f"differ beside {MARK}: {free}; give both the same or train the runs apart"
