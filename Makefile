@@ -4,6 +4,7 @@
 PYTHON ?= python3
 ARGS ?= --shape 2
 BIN := .venv/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e
 # A process for each core; tests of a file share what is slow to make.
 PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile
 
@@ -13,7 +14,7 @@ setup: .venv/ready
 
 .venv/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	$(INSTALL) ".[dev]"
 	touch $@
 
 train: setup
@@ -26,7 +27,7 @@ test: setup
 	$(PYTEST)
 
 extras: setup
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[ray,slurm,wandb,view,video]"
+	$(INSTALL) ".[ray,slurm,wandb,view,video]"
 	$(PYTEST) tests/test_sweep.py tests/test_logging.py tests/test_viewer.py
 
 slow: setup

@@ -19,6 +19,7 @@ from crsfd_jax.config import ALGORITHMS, Config, Sac, to_dict
 from crsfd_jax.demos import __main__ as demos
 from crsfd_jax.errors import UserError
 from crsfd_jax.options.limits import Interval, check_limits
+from crsfd_jax.options.names import by_full_name
 from crsfd_jax.options.run_name import run_name
 from crsfd_jax.options.smoke import smoke_sized
 from crsfd_jax.options.validation import validate
@@ -115,21 +116,12 @@ def test_a_good_command_line_is_parsed_without_importing_jax_or_mujoco():
     )
 
 
-def options_of(config, before=""):
-    """What every field of a configuration is called on a command line."""
-    for name, value in vars(config).items():
-        option = before + name.replace("_", "-")
-        if dataclasses.is_dataclass(value):
-            yield from options_of(value, f"{option}.")
-        else:
-            yield f"--{option}"
-
-
 def test_help_lists_every_option_and_ends_with_exit_code_0():
     result = run_program(["--help"])
     assert result.returncode == 0 and result.stderr == ""
     headings = re.findall(r"^│ (?:-h, )?(--[\w.-]+)", result.stdout, re.MULTILINE)
-    assert set(headings) == {"--help", *options_of(Config())}
+    names = by_full_name(to_dict(Config()))
+    assert set(headings) == {"--help", *(f"--{name.replace('_', '-')}" for name in names)}
 
 
 @pytest.mark.parametrize("line", ["train --help", "demos info", "demos --help"])

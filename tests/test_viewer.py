@@ -193,14 +193,15 @@ def test_the_seed_chooses_the_policy(page, monkeypatch):
     assert rows == [0, 1]
 
 
-def test_speed_is_the_time_that_a_step_is_given(page):
+def test_speed_is_the_time_that_a_step_is_given(page, monkeypatch):
     from crsfd_jax.viewer import session
 
-    # What is not slept the step takes itself, on a slow machine more than a tenth of a second.
-    for speed, least, most in ((1.0, 0.0, CONTROL_DT), (0.1, 3 * CONTROL_DT, 10 * CONTROL_DT)):
+    # However slow the machine is, drawing takes no time.
+    monkeypatch.setattr(session.time, "perf_counter", lambda: 0.0)
+    for speed, expected in ((1.0, CONTROL_DT), (0.1, 10 * CONTROL_DT)):
         page.panel.speed.value, slept = speed, []
         session.step(page, sleep=slept.append)
-        assert len(slept) == session.FRAMES and least <= sum(slept) <= most + 1e-6
+        assert len(slept) == session.FRAMES and 0.3 * expected <= sum(slept) <= expected + 1e-6
 
 
 def test_an_episode_ends_at_the_horizon_and_is_counted(page):
@@ -220,11 +221,11 @@ def forces_on_the_peg(page):
     return np.array([force for force in found if np.linalg.norm(force) > 0])
 
 
-def steady_push(loaded, friction):
-    """N upwards on the peg, drawn while a setpoint 5 mm below it pushes it onto the block."""
+def steady_push(loaded, friction, down):
+    """N upwards on the peg, drawn while a setpoint `down` cm below it pushes it onto the block."""
     state = loaded.reset(SOURCE._replace(friction=friction), jax.random.key(1))
     for _ in range(20):
-        taken = loaded.advance(state, jnp.array([[0.1, 0, -0.5, 0, 0, 0]]))
+        taken = loaded.advance(state, jnp.array([[0.1, 0, -down, 0, 0, 0]]))
         before, state = state, taken.state
     (at,) = pose.between(before, state, taken.setpoint, 1)
     model = model_of(loaded.scene, loaded.scene.shapes.index("2"))
@@ -238,13 +239,14 @@ def steady_push(loaded, friction):
 
 @pytest.mark.parametrize("friction", [0.1, 1.0, 3.0])
 def test_a_steady_push_shows_as_such_under_any_friction(loaded, friction):
-    assert steady_push(loaded, friction) == pytest.approx(5, rel=0.05)
+    assert steady_push(loaded, friction, 1.0) == pytest.approx(10, rel=0.05)
 
 
 def test_the_push_of_a_stiffer_arm_shows_as_such():
     arm = Randomisation(stiffness=(1.3, 1.3))
     stiffer = live.make(dataclasses.replace(OPTIONS, randomisation=arm), None)
-    assert steady_push(stiffer, 1.0) == pytest.approx(6.5, rel=0.05)
+    # Half a centimetre, or the controller's limit of 10 N would hide the stiffness.
+    assert steady_push(stiffer, 1.0, 0.5) == pytest.approx(6.5, rel=0.05)
 
 
 def shown_arrows(page):
