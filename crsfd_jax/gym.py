@@ -97,6 +97,8 @@ class InsertionVector(VectorEnv):
         Raises:
           UserError: a value or mode cannot be used, or pictures are wanted and OpenGL is missing.
         """
+        if num_envs < 1:
+            raise UserError(f"num_envs: got {num_envs}, allowed: at least 1; raise it")
         self._options = _options(values)
         self._batch = _compiled_batch(self._options)
         self.num_envs, self.render_mode = num_envs, _checked(render_mode)

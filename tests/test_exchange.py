@@ -59,6 +59,11 @@ def test_robomimic_gives_back_every_bit_so_that_a_replay_does_the_same(exported,
     assert str(target) in capsys.readouterr().out
 
 
+def test_a_run_that_names_an_export_is_told_to_import_it(exported):
+    with pytest.raises(UserError, match=r"--demos: got .*hdf5, .* crsfd_jax.demos import"):
+        builtin.load(str(exported))
+
+
 def test_a_file_with_the_standard_fields_only_comes_back_whole(copy, tmp_path):
     with h5py.File(copy, "a") as file:
         for demo in file["data"].values():

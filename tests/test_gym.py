@@ -120,6 +120,11 @@ def test_a_mode_that_cannot_be_rendered_is_refused(make):
         make(*name, render_mode="human")
 
 
+def test_no_environment_at_all_is_refused():
+    with pytest.raises(ValueError, match="num_envs: got 0, allowed: at least 1"):
+        gymnasium.make_vec(crsfd_jax.gym.ID, num_envs=0)
+
+
 def test_an_unknown_keyword_is_refused():
     with pytest.raises(TypeError, match="shpae"):
         gymnasium.make(crsfd_jax.gym.ID, shpae="2")

@@ -95,3 +95,9 @@ def test_a_file_that_is_no_metrics_file_is_refused_by_name(path, text):
     path.write_text(text)
     with pytest.raises(UserError, match=r"metrics.csv"):
         metrics.read(path)
+
+
+def test_a_damaged_line_is_named_with_what_does_not_lose_the_run(path):
+    path.write_text("env_steps,seed\n1,0\n2,x\n")
+    with pytest.raises(UserError, match="line 3 is damaged; copy the file back or choose another"):
+        metrics.read(path)

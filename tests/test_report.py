@@ -144,8 +144,20 @@ def test_another_grid_of_the_same_name_is_another_task(tmp_path):
         make_run(tmp_path / f"s{number}", "sacfd", shape=shape, seed=5 * number)
     found = cells_of(tmp_path)
     assert len(found) == 4 and len({cell.task for cell in found}) == 2
-    assert {str(cell.task) for cell in found} == {"shape my, no shift"}
+    told = {str(cell.task) for cell in found}
+    assert told == {"shape my=##/##, no shift", "shape my=.#./###, no shift"}
     assert not any(cell.variant for cell in found)
+
+
+def test_a_shape_called_like_others_is_told_apart(tmp_path):
+    for number, shape in enumerate(("2", "2=##", "all", "all=##")):
+        make_run(tmp_path / f"c{number}", shape=shape)
+    assert sorted(str(cell.task) for cell in cells_of(tmp_path)) == [
+        "all shapes, no shift",
+        "shape 2, no shift",
+        "shape 2=##, no shift",
+        "shape all=##, no shift",
+    ]
 
 
 def test_unfinished_seeds_wait_while_there_are_finished_ones(tmp_path):

@@ -66,6 +66,7 @@ BAD_GRIDS = {
     "": "which has no cell",
     "\n \n": "which has no cell",
     "...\n...": "which has no cell",
+    " ##\n###\n": "which has ' ' in row 1",
     "##x\n": "which has 'x' in row 1, allowed: # for a cell",
     "###\n##\n": "whose row 2 has 2 cells, allowed: 3 as in row 1",
     "#.#\n#.#\n": "which is not in one piece",

@@ -173,7 +173,9 @@ def test_a_name_says_every_option_but_how_far_a_run_goes():
     ("text", "answer"),
     {
         "CELLS = (('--shape', '9'),)": "cell 0: --shape: got '9'",
-        "CELLS = (('--shape', '1'), ('--shape=1', '--steps', '90000'))": "more than once",
+        "CELLS = (('--shape', '1'), ('--shape=1', '--steps', '90000'))": (
+            "more than once (--steps and"
+        ),
         "CELLS = (('--out', 'x'),)": "--out: got 'x', allowed: none",
         "CELLS = ()": "defines no CELLS",
         "CELLS = 5": "CELLS: got 5, expected a tuple of argument tuples",

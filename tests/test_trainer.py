@@ -100,6 +100,34 @@ def test_a_run_without_its_checkpoints_does_not_start_over(whole, tmp_path):
     assert (copy / "metrics.csv").read_bytes() == before
 
 
+def test_a_run_without_its_results_does_not_go_on(whole, tmp_path):
+    copy = shutil.copytree(whole, tmp_path / "copy")
+    (copy / "metrics.csv").unlink()
+    code, _, err = finished("train", *OPTIONS, "--steps", "8192", "--out", copy)
+    assert code == 2 and len(err.strip().splitlines()) == 1
+    assert "metrics.csv: holds no results, expected those of the run" in err
+    assert not (copy / "metrics.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("import nothing_of_this_name\n", "ModuleNotFoundError: No module named"),
+        ("METHOD = Method(\n", "SyntaxError"),
+        ("x = 1 / 0\n", "ZeroDivisionError: division by zero; correct the file"),
+        ("", "METHOD: got None, expected a Method; define it"),
+        ("METHOD = 3\n", "METHOD: got 3, expected a Method"),
+    ],
+)
+def test_a_mistake_in_a_method_s_file_is_told_in_one_line(text, answer, tmp_path, monkeypatch):
+    name = f"mistaken{abs(hash(text))}"
+    (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.setattr(algorithms, "__path__", [*algorithms.__path__, str(tmp_path)])
+    with pytest.raises(UserError) as error:
+        algorithms.load(name)
+    assert f"{name}.py: " in str(error.value) and answer in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("config", "answer"),
     [

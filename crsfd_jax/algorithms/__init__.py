@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from crsfd_jax.algorithms.method import Method
@@ -17,8 +18,21 @@ _OF_METHODS = "potential."
 
 
 def load(name: str) -> Method:
-    """The method of crsfd_jax/algorithms/NAME.py."""
-    return importlib.import_module(f"crsfd_jax.algorithms.{name}").METHOD
+    """The method of crsfd_jax/algorithms/NAME.py.
+
+    Raises:
+      UserError: the file cannot be executed, or defines no method.
+    """
+    path = Path(__file__).with_name(f"{name}.py")
+    try:
+        found = importlib.import_module(f"{__name__}.{name}")
+    except Exception as error:
+        # The file may be the user's: anything may be wrong in it.
+        raise UserError(f"{path}: {type(error).__name__}: {error}; correct the file") from error
+    method = getattr(found, "METHOD", None)
+    if not isinstance(method, Method):
+        raise UserError(f"{path}: METHOD: got {method!r}, expected a Method; define it")
+    return method
 
 
 def refuse_unused(config: Config) -> None:

@@ -20,6 +20,11 @@ def load(name: str, episodes: int = 0) -> dataset.Demonstrations:
     Raises:
       UserError: the file cannot be used, or has fewer episodes or no successful one among these.
     """
+    if Path(name).suffix in (".hdf5", ".h5"):
+        raise UserError(
+            f"--demos: got {name}, allowed: .npz; make one with python -m crsfd_jax.demos import "
+            f"{name} --out NAME.npz"
+        )
     demos = dataset.load(PATH if name == "builtin" else name, OBS_SIZE, ACTION_SIZE)
     if not episodes:
         return demos

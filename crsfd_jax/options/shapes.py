@@ -94,7 +94,9 @@ def _rows_of_file(item: str) -> list[str]:
             f"got {item!r}{named}, allowed: {', '.join(GRIDS)}, {ALL}, several such as 0,2, or a "
             "text file with a grid of # and .; choose one of them"
         ) from None
-    return [line.rstrip() for line in text.strip("\r\n\t ").splitlines()]
+    lines = [line.rstrip() for line in text.splitlines()]
+    filled = [number for number, line in enumerate(lines) if line]
+    return lines[filled[0] : filled[-1] + 1] if filled else []
 
 
 def _check(item: str, rows: list[str]) -> None:

@@ -30,9 +30,14 @@ class Task(NamedTuple):
     grids: str = ""
     """Of shapes that are the user's own: another grid of the same name is another task."""
 
+    @property
+    def shape_words(self) -> str:
+        """The shapes, those that are the user's own with their grids."""
+        return self.grids or self.shape
+
     def __str__(self) -> str:
         shift = f"shift {self.shift_mm:g} mm" if self.shift_mm else "no shift"
-        shape = "all shapes" if self.shape == shapes.ALL else f"shape {self.shape}"
+        shape = "all shapes" if self.shape_words == shapes.ALL else f"shape {self.shape_words}"
         return f"{shape}, {shift}"
 
 

@@ -48,7 +48,7 @@ def _rows(pairs: Sequence[tuple[Cell, Cell]]) -> Iterator[tuple[str, ...]]:
     for pair, each in compared:
         seeds = str(len(each.seeds))
         sides = (_side(each, i, cell) for i, cell in enumerate(pair))
-        yield pair[0].task.shape, *names, seeds, *sides, *_gaps(pairs, [each])
+        yield pair[0].task.shape_words, *names, seeds, *sides, *_gaps(pairs, [each])
     if len(compared) > 1:
         several = [each for _, each in compared]
         yield f"these {len(compared)}", *names, "", "", "", *_gaps(pairs, several)

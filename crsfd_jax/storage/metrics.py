@@ -86,6 +86,15 @@ def read(path: Path) -> dict[str, np.ndarray]:
     return columns | {name: columns[name].astype(np.int64) for name in KEY_COLUMNS}
 
 
+def has_rows(path: Path) -> bool:
+    """Whether the file is there and holds a row.
+
+    Raises:
+      UserError: it is not such a table.
+    """
+    return len(_read_lines(path)) > 1
+
+
 def _read_lines(path: Path) -> list[list[str]]:
     """Complete lines as cells, the header first; [] without a file or a complete header."""
     try:
@@ -100,7 +109,9 @@ def _read_lines(path: Path) -> list[list[str]]:
         raise UserError(f"{path}: not a metrics file, its first line lacks env_steps and seed")
     for number, line in enumerate(lines[1:], start=2):
         if len(line) != len(lines[0]) or not all(_is_number(cell) for cell in line):
-            raise UserError(f"{path}: line {number} is damaged; restore or delete the file")
+            raise UserError(
+                f"{path}: line {number} is damaged; copy the file back or choose another --out"
+            )
     return lines
 
 

@@ -82,7 +82,10 @@ def load(name: str, also: tuple[str, ...] = ()) -> Experiment:
     )
     twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
     if twice:
-        raise UserError(f"{path}: cell {twice[0]} is there more than once; keep one of them")
+        raise UserError(
+            f"{path}: cell {twice[0]} is there more than once (--steps and --evaluation.* are no "
+            "part of a name); keep one of them"
+        )
     description = (found["__doc__"] or path.stem).strip().splitlines()[0]
     made = {str(file): tuple(map(str, words)) for file, words in demos.items()}
     return Experiment(path.stem, description, cells, made)

@@ -61,7 +61,7 @@ def restored(
       like: the structure of the states.
 
     Raises:
-      UserError: they have no intact step in common, or results without a checkpoint.
+      UserError: they have no intact step in common, or only one of results and checkpoint.
     """
     while True:
         for folder in folders:
@@ -79,6 +79,8 @@ def restored(
             for folder, part in zip(folders, parts, strict=True)
         ]
         if len({each and each.step for each in found}) == 1:
+            for folder, each in zip(folders, found, strict=True):
+                _refuse_rowless(folder, each)
             return found
 
 
@@ -167,6 +169,16 @@ def _refuse_emptied(folder: RunFolder) -> None:
         raise UserError(
             f"{folder.checkpoints}: holds no checkpoint, expected one of a run with the results in "
             f"{folder.metrics.name}; copy it back or choose another --out"
+        )
+
+
+def _refuse_rowless(folder: RunFolder, found: checkpoints.Checkpoint | None) -> None:
+    """A run that has been evaluated left rows; going on without them would hide that they went."""
+    evaluated = found is not None and found.extra.get("success")
+    if evaluated and not metrics.has_rows(folder.metrics):
+        raise UserError(
+            f"{folder.metrics}: holds no results, expected those of the run whose checkpoints are "
+            "beside it; copy it back or choose another --out"
         )
 
 
