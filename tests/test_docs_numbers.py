@@ -1,6 +1,7 @@
 """The numbers of the documents are those that the report makes of the committed curves."""
 
 import re
+import runpy
 
 import pytest
 from test_docs import PAGES, ROOT
@@ -48,9 +49,17 @@ def test_what_the_documents_quote_is_there():
     made = {values(m) for text in texts for m in MADE.finditer(text)}
     # The other way round, a lead is what a method is behind.
     made |= {(-value, -high, -low) for value, low, high in made} | OF_SOME_SEEDS
+    made |= {values(m) for line in of_engines() for m in QUOTED.finditer(line)}
     quoted = [(path.name, m) for path in PAGES for m in QUOTED.finditer(path.read_text())]
     assert len(quoted) > 150
     assert not [(name, m[0]) for name, m in quoted if values(m) not in made]
+
+
+def of_engines() -> list[str]:
+    """What the study of engines says of the committed curves."""
+    study = runpy.run_path(str(ROOT / "experiments" / "studies" / "engines.py"))
+    results = ROOT / "experiments" / "results"
+    return study["lines"](results / "early", results / "setting1_warp")
 
 
 def leads() -> dict[tuple[str, ...], tuple[list[str], list[tuple[float, ...]]]]:

@@ -53,6 +53,8 @@ IN_ORDER = {
     "python -m crsfd_jax.export runs/NAME --format onnx --check": "",
     "python experiments/real_arm/simulated_arm.py runs/NAME/export/npz 500": "4",
     "python experiments/studies/reach.py runs/NAME": "runs/NAME",
+    "python experiments/studies/engines.py experiments/results/early "
+    "experiments/results/setting1_warp": "",
     "python experiments/studies/warmup.py": "--shapes 2 --steps 128 --seeds 2",
     "python -m crsfd_jax.view --shape 2 --png scene.png": "",
     "python -m crsfd_jax.view --shape 2 --shift 8mm --png scene.png": "",
