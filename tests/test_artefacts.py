@@ -84,8 +84,9 @@ def test_more_steps_continue_a_run_and_fewer_do_not(tmp_path):
 def test_other_options_are_refused_with_old_and_new_values_and_nothing_changes(tmp_path):
     enter(tmp_path / "run")
     before = snapshot(tmp_path)
-    message = refusal(tmp_path / "run", Config(envs=32, sac=Sac(gamma=0.9)))
-    assert "envs 64 -> 32, sac.gamma 0.98 -> 0.9" in message
+    changed = Config(steps=40_000, shift=4e-3, envs=32, sac=Sac(gamma=0.9))
+    message = refusal(tmp_path / "run", changed)
+    assert "shift 0mm -> 4mm, envs 64 -> 32, sac.gamma 0.98 -> 0.9" in message
     lock = tmp_path / "run" / ".lock"
     assert {p: b for p, b in snapshot(tmp_path).items() if p != lock} == {
         p: b for p, b in before.items() if p != lock

@@ -10,7 +10,7 @@ import itertools
 import math
 import types
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -79,6 +79,20 @@ def check_limits(config: Any, prefix: str = "--") -> None:
             _check_value(option, value, tuple(_limits_of(hints[field.name])))
 
 
+def as_written(config: Any, prefix: str = "") -> dict[str, str]:
+    """Every value by its full name, as a message writes it: a length with its unit."""
+    hints = typing.get_type_hints(type(config), include_extras=True)
+    found = {}
+    for field in dataclasses.fields(config):
+        value, name = getattr(config, field.name), prefix + field.name
+        if dataclasses.is_dataclass(value):
+            found |= as_written(value, f"{name}.")
+        else:
+            show = names.show if value is None else _shown_by(_limits_of(hints[field.name]))
+            found[name] = show(value)
+    return found
+
+
 def is_like(value: Any, usual: Any) -> bool:
     """Whether a value from JSON could stand in place of a field's default.
 
@@ -114,7 +128,7 @@ def _limits_of(hint: Any) -> Iterator[Any]:
 def _check_value(option: str, value: Any, limits: tuple[Any, ...]) -> None:
     if value is None:
         return
-    show = next((limit.show for limit in limits if isinstance(limit, ShownAs)), names.show)
+    show = _shown_by(limits)
     for limit in limits:
         if isinstance(limit, OneOf) and value not in limit.choices:
             raise UserError(choice_message(option, value, limit.choices))
@@ -124,6 +138,10 @@ def _check_value(option: str, value: Any, limits: tuple[Any, ...]) -> None:
             _check_ranges(option, value)
         if isinstance(limit, ReadBy):
             _check_text(option, value, limit)
+
+
+def _shown_by(limits: Iterable[Any]) -> Callable[[Any], str]:
+    return next((limit.show for limit in limits if isinstance(limit, ShownAs)), names.show)
 
 
 def _check_numbers(option: str, value: Any, limit: Interval, show: Callable[[float], str]) -> None:

@@ -4,10 +4,11 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from crsfd_jax.config import Config, to_dict
+from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.options import shapes
-from crsfd_jax.options.names import MAY_CHANGE, by_full_name
+from crsfd_jax.options.limits import as_written
+from crsfd_jax.options.names import MAY_CHANGE
 from crsfd_jax.options.run_name import default_folder
 
 MARK = "--and"
@@ -56,7 +57,7 @@ def require_alike(configs: Sequence[Config]) -> None:
     for config in configs[1:]:
         if likeness(config) == likeness(first):
             continue
-        one, other = (by_full_name(to_dict(each)) for each in (first, config))
+        one, other = as_written(first), as_written(config)
         for name in one:
             if name not in OWN and one[name] != other[name]:
                 # Whoever did not give them has two numbers of steps with and without a shift.

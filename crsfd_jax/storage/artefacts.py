@@ -16,7 +16,8 @@ from typing import TextIO
 
 from crsfd_jax.config import Config, to_dict
 from crsfd_jax.errors import STOPPED, USAGE, UserError
-from crsfd_jax.options.names import MAY_CHANGE, by_full_name, show
+from crsfd_jax.options.limits import as_written
+from crsfd_jax.options.names import MAY_CHANGE, by_full_name
 from crsfd_jax.storage import manifest, run_folder
 from crsfd_jax.storage.files import remove_leftovers, sync
 from crsfd_jax.storage.manifest import Manifest
@@ -183,8 +184,9 @@ def _record(run: RunFolder, new: Manifest) -> None:
 
 def _refuse_other_run(path: Path, old: Config, new: Config) -> None:
     before, after = by_full_name(to_dict(old)), by_full_name(to_dict(new))
+    was, asked = as_written(old), as_written(new)
     changed = [
-        f"{name} {show(before[name])} -> {show(after[name])}"
+        f"{name} {was[name]} -> {asked[name]}"
         for name in after
         if before[name] != after[name] and name not in MAY_CHANGE
         if name != "steps" or after[name] < before[name]

@@ -19,6 +19,7 @@ import tyro
 from crsfd_jax import cli
 from crsfd_jax.errors import UserError
 from crsfd_jax.report import cells, pairing, runs, summary
+from crsfd_jax.report.evidence import show
 from crsfd_jax.report.methods import rank, style
 
 
@@ -46,15 +47,11 @@ def lines(first: Path, second: Path) -> list[str]:
         raise UserError(f"{second}: has no method and task of {first}; choose another")
     found = {method: summary.compare(shared[method]) for method in sorted(shared, key=rank)}
     return [
-        f"{style(method).label}: area {_show(each.area)}, exploring {_show(each.exploring)}; "
+        f"{style(method).label}: area {show(each.area)}, exploring {show(each.exploring)}; "
         f"{each.tasks} tasks, {max(each.steps):,} steps"
         for method, each in found.items()
         if each and each.exploring
     ]
-
-
-def _show(estimate: summary.Estimate) -> str:
-    return f"{estimate.value:.3f} ({estimate.low:.3f} to {estimate.high:.3f})"
 
 
 def main(argv: list[str]) -> None:
