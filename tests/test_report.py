@@ -663,7 +663,7 @@ def test_of_one_drawn_quantity_the_variant_tells_the_range(tmp_path):
 
 def test_what_is_missing_is_said(tmp_path):
     paper_like(tmp_path)
-    for name in ("gail3", "sac2", "rsgm1"):
+    for name in ("gail3", "gail4", "sac2", "rsgm1"):
         for file in ("config.json", "metrics.csv"):
             (tmp_path / name / file).unlink()
     make_run(tmp_path / "new1", "sac", "2", values=rising(0)[:4])
@@ -671,10 +671,10 @@ def test_what_is_missing_is_said(tmp_path):
     found = cells_of(tmp_path)
     said = gaps.lines(found, layout.figures(found))
     assert sorted(said) == [
-        "shape 1, no shift: RS-GM has 3 seeds, most have 5",
-        "shape 1, no shift: RS-GM was given 500 steps, others 1,000",
-        "shape 2, no shift: SAC is unfinished, 400 of 1,000 steps",
-        "shape 3, no shift: no run of GAIL",
+        "RS-GM has 3 seeds, most have 5: shape 1, no shift",
+        "RS-GM was given 500 steps, others 1,000: shape 1, no shift",
+        "SAC is unfinished, 400 of 1,000 steps: shape 2, no shift",
+        "no run of GAIL: shape 3, no shift; shape 4, no shift",
     ]
 
 
