@@ -45,5 +45,6 @@ def _of_panels(figures: Sequence[Figure]) -> Iterator[tuple[str, str]]:
         methods = {c.method: None for panel in figure.panels for c in panel.cells if not c.variant}
         for panel in figure.panels:
             present = {cell.method for cell in panel.cells}
-            for method in (method for method in methods if method not in present):
-                yield f"no run of {style(method).label}", panel.title
+            for method in methods:
+                if method not in present:
+                    yield f"no run of {style(method).label}", panel.title
