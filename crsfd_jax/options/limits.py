@@ -79,17 +79,17 @@ def check_limits(config: Any, prefix: str = "--") -> None:
             _check_value(option, value, tuple(_limits_of(hints[field.name])))
 
 
-def as_written(config: Any, prefix: str = "") -> dict[str, str]:
-    """Every value by its full name, as a message writes it: a length with its unit."""
-    hints = typing.get_type_hints(type(config), include_extras=True)
+def differences(one: Any, other: Any, prefix: str = "") -> dict[str, tuple[str, str]]:
+    """Both values of each option that differs, by its full name, as messages write them."""
+    hints = typing.get_type_hints(type(one), include_extras=True)
     found = {}
-    for field in dataclasses.fields(config):
-        value, name = getattr(config, field.name), prefix + field.name
-        if dataclasses.is_dataclass(value):
-            found |= as_written(value, f"{name}.")
-        else:
-            show = names.show if value is None else _shown_by(_limits_of(hints[field.name]))
-            found[name] = show(value)
+    for field in dataclasses.fields(one):
+        a, b, name = getattr(one, field.name), getattr(other, field.name), prefix + field.name
+        if dataclasses.is_dataclass(a):
+            found |= differences(a, b, f"{name}.")
+        elif a != b:
+            show = _shown_by(_limits_of(hints[field.name]))
+            found[name] = tuple(str(value) if value is None else show(value) for value in (a, b))
     return found
 
 

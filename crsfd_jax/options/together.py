@@ -7,7 +7,7 @@ from pathlib import Path
 from crsfd_jax.config import Config
 from crsfd_jax.errors import UserError
 from crsfd_jax.options import shapes
-from crsfd_jax.options.limits import as_written
+from crsfd_jax.options.limits import differences
 from crsfd_jax.options.names import MAY_CHANGE
 from crsfd_jax.options.run_name import default_folder
 
@@ -57,13 +57,12 @@ def require_alike(configs: Sequence[Config]) -> None:
     for config in configs[1:]:
         if likeness(config) == likeness(first):
             continue
-        one, other = as_written(first), as_written(config)
-        for name in one:
-            if name not in OWN and one[name] != other[name]:
+        for name, (one, other) in differences(first, config).items():
+            if name not in OWN:
                 # Whoever did not give them has two numbers of steps with and without a shift.
                 free += " (auto goes by the shift)" if name == "steps" else ""
                 raise UserError(
-                    f"--{name.replace('_', '-')}: got {one[name]} and {other[name]}, allowed to "
+                    f"--{name.replace('_', '-')}: got {one} and {other}, allowed to "
                     f"differ beside {MARK}: {free}; give both the same or train the runs apart"
                 )
         raise UserError(

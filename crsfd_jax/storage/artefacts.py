@@ -14,10 +14,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TextIO
 
-from crsfd_jax.config import Config, to_dict
+from crsfd_jax.config import Config
 from crsfd_jax.errors import STOPPED, USAGE, UserError
-from crsfd_jax.options.limits import as_written
-from crsfd_jax.options.names import MAY_CHANGE, by_full_name
+from crsfd_jax.options.limits import differences
+from crsfd_jax.options.names import MAY_CHANGE
 from crsfd_jax.storage import manifest, run_folder
 from crsfd_jax.storage.files import remove_leftovers, sync
 from crsfd_jax.storage.manifest import Manifest
@@ -183,13 +183,10 @@ def _record(run: RunFolder, new: Manifest) -> None:
 
 
 def _refuse_other_run(path: Path, old: Config, new: Config) -> None:
-    before, after = by_full_name(to_dict(old)), by_full_name(to_dict(new))
-    was, asked = as_written(old), as_written(new)
     changed = [
-        f"{name} {was[name]} -> {asked[name]}"
-        for name in after
-        if before[name] != after[name] and name not in MAY_CHANGE
-        if name != "steps" or after[name] < before[name]
+        f"{name} {before} -> {after}"
+        for name, (before, after) in differences(old, new).items()
+        if name not in MAY_CHANGE and (name != "steps" or new.steps < old.steps)
     ]
     if changed:
         free = ", ".join(f"--{name}" for name in MAY_CHANGE if name != "out")

@@ -41,7 +41,7 @@ def lines(first: Path, second: Path) -> list[str]:
     """
     one, other = (pairing.index(cells.gather(runs.find([f]).runs)[0]) for f in (first, second))
     shared: dict[str, list[tuple[cells.Cell, cells.Cell]]] = {}
-    for method, task in one.keys() & other.keys():
+    for method, task in (key for key in one if key in other):
         shared.setdefault(method, []).append((one[method, task][0], other[method, task][0]))
     if not shared:
         raise UserError(f"{second}: has no method and task of {first}; choose another")
