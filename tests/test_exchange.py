@@ -60,7 +60,7 @@ def test_robomimic_gives_back_every_bit_so_that_a_replay_does_the_same(exported,
 
 
 def test_a_run_that_names_an_export_is_told_to_import_it(exported):
-    with pytest.raises(UserError, match=r"--demos: got .*hdf5, .* crsfd_jax.demos import"):
+    with pytest.raises(UserError, match=r"demo .*hdf5: got .* crsfd_jax.demos import"):
         builtin.load(str(exported))
 
 

@@ -11,7 +11,8 @@ from crsfd_jax.config import Config
 from crsfd_jax.learn.replay import Draw, ReplayState
 
 WEIGHT = 1.0
-"""lambda_1, beside gail.SCALE: the area on shape 3 is 0.315, 0.372 and 0.266 with 0.3, 1 and 3."""
+"""lambda_1, beside gail.SCALE. On shape 3, 40,000 steps of 5 seeds after a warm-up at random, the
+area is 0.315, 0.372 and 0.266 with 0.3, 1 and 3."""
 
 
 def relabel(judge: gail.Judge, buffer: ReplayState, draw: Draw, config: Config) -> jax.Array:

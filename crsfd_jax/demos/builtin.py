@@ -22,8 +22,8 @@ def load(name: str, episodes: int = 0) -> dataset.Demonstrations:
     """
     if Path(name).suffix in (".hdf5", ".h5"):
         raise UserError(
-            f"--demos: got {name}, allowed: .npz; make one with python -m crsfd_jax.demos import "
-            f"{name} --out NAME.npz"
+            f"demo {name}: got an HDF5 file, allowed: .npz; make one with "
+            f"python -m crsfd_jax.demos import {name} --out NAME.npz"
         )
     demos = dataset.load(PATH if name == "builtin" else name, OBS_SIZE, ACTION_SIZE)
     if not episodes:
