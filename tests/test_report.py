@@ -451,6 +451,18 @@ def test_shorter_runs_on_new_shapes_have_their_own_figure_and_the_ablation_equal
     assert [panel["crsfd"] for panel in planned["ablation"]] == [1000] * 4
 
 
+def test_a_legend_says_which_methods_have_shorter_runs_only(tmp_path, monkeypatch):
+    for method, steps in (("crsfd", 2000), ("crsfd", 1000), ("sqil", 1000), ("bc", 1000)):
+        make_run(tmp_path / f"{method}{steps}", method, steps=steps)
+    drawn = []
+    monkeypatch.setattr(figures, "save", lambda canvas, path: drawn.append(canvas))
+    panel = layout.Panel("shape 2", tuple(cells_of(tmp_path)))
+    figures.draw(layout.Figure("one", "", 1, (panel,)), tmp_path / "one.png")
+    (legend,) = drawn[0].legends
+    words = [text.get_text() for text in legend.get_texts()]
+    assert words == ["CRSfD", "SQIL, 1k steps", "BC, no steps"]
+
+
 def test_runs_that_fit_no_figure_of_the_paper_get_a_panel_for_each_task(tmp_path):
     make_run(tmp_path / "a", "crsfd", "2", 1)
     make_run(tmp_path / "b", "sac", "2", 1)

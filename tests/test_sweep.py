@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -605,6 +606,27 @@ def test_slurm_jobs_run_cells(file, out):
     ]
     for name in NAMES[:2]:
         assert_whole(out, name)
+
+
+def test_a_slurm_job_whose_time_is_up_saves_and_is_queued_again(file, out, monkeypatch):
+    pytest.importorskip("submitit")
+    monkeypatch.setenv("FAKE_STEP_S", "1")
+    chosen, ended = cells.load(str(file)).cells[:1], []
+
+    def wait():
+        plan, asked = Plan(out, FAKE), slurm_array.Slurm(minutes=5, cores=1)
+        ended.extend(slurm_array.run([chosen], plan, 1, 0.0, asked, lambda: False, cluster="local"))
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    wait_for(lambda: (out / NAMES[0] / "metrics.csv").is_file())
+    [trainer] = starts(out, NAMES[0])
+    job = int(Path(f"/proc/{trainer}/stat").read_text().rsplit(")", 1)[1].split()[1])
+    os.kill(job, signal.SIGUSR2)
+    waiting.join(timeout=120)
+    assert [outcome.word for outcome in ended] == ["done"]
+    assert len(starts(out, NAMES[0])) == 2
+    assert_whole(out, NAMES[0])
 
 
 @pytest.mark.parametrize(("runner", "extra"), [("ray", "ray"), ("slurm", "submitit")])

@@ -141,7 +141,7 @@ def _ablation(book) -> list[Claim]:
 def _transfer(transfers: Sequence[Trials]) -> Claim:
     return claim(
         "Policies trained under randomisation succeed on an arm they never met in 1.0, 1.0, 0.92, "
-        "0.92, 0.96 of the trials on shapes 0 to 4 (here: in simulation, under a randomisation "
-        "that training never saw)",
+        "0.92, 0.96 of the trials on shapes 0 to 4 (here: in simulation, with friction, gains and "
+        "noise beyond those of training and joint errors between them)",
         [above(transfers, shape, rate) for shape, rate in paper.SUCCESS.items()],
     )

@@ -58,14 +58,22 @@ def save(canvas: matplotlib.figure.Figure, path: Path) -> None:
 
 
 def _looks(figure: Figure) -> dict[tuple[str, str], Style]:
-    """Look of each method and variant of a figure, in the order of the legend."""
-    found = {(cell.method, cell.variant) for panel in figure.panels for cell in panel.cells}
+    """Look of each method and variant of a figure, in the order of the legend.
+
+    Whose runs are all shorter than those of others is labelled with how long they are.
+    """
+    found: dict[tuple[str, str], int] = {}
+    for cell in (cell for panel in figure.panels for cell in panel.cells):
+        key = cell.method, cell.variant
+        found[key] = max(found.get(key, 0), cell.planned_steps)
+    most = max((n for key, n in found.items() if key[0] not in WITHOUT_INTERACTION), default=0)
     looks, variants = {}, {}
     for method, variant in sorted(found, key=lambda key: (rank(key[0]), key[1])):
         number = variants[method] = variants.get(method, -1) + 1 if variant else 0
-        look = style(method, number)
-        still = "no steps" * (method in WITHOUT_INTERACTION)
-        words = ", ".join(filter(None, (look.label, still, variant)))
+        look, steps = style(method, number), found[method, variant]
+        length = f"{steps / 1000:g}k steps" if steps < most else ""
+        length = "no steps" if method in WITHOUT_INTERACTION else length
+        words = ", ".join(filter(None, (look.label, length, variant)))
         looks[method, variant] = look._replace(label=words)
     return looks
 

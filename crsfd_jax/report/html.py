@@ -13,7 +13,7 @@ _KINDS = {
 _STYLE = """
 :root { color-scheme: light; }
 body { font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1c2127;
-  background: #fff; max-width: 1220px; margin: 2rem auto; padding: 0 1.2rem; }
+  background: #fff; max-width: 1360px; margin: 2rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.6rem; line-height: 1.25; margin: 0 0 .4rem; }
 h2 { font-size: 1.2rem; margin: 2.2rem 0 .5rem; border-bottom: 1px solid #d8dde3; }
 p, li { max-width: 62rem; }
