@@ -81,10 +81,16 @@ def assert_equal(one, other):
 
 
 @pytest.fixture(scope="module")
-def on_two(tmp_path_factory):
+def cache(tmp_path_factory):
+    """Where `on_two` keeps what it compiles."""
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def on_two(tmp_path_factory, cache):
     """A run of four seeds on two devices."""
     folder = tmp_path_factory.mktemp("two") / "run"
-    code, out = run(folder, 4, devices=2)
+    code, out = run(folder, 4, devices=2, JAX_COMPILATION_CACHE_DIR=str(cache))
     assert code == 0, out
     assert "seeds     4, evenly on 2 of 2 devices, 1 processes" in out
     return folder
@@ -94,6 +100,14 @@ def test_each_device_computes_what_it_would_compute_alone(on_two, tmp_path):
     code, out = run(tmp_path / "run", 2)
     assert code == 0, out
     assert_equal(results(on_two, 2), results(tmp_path / "run", 2))
+
+
+def test_the_next_run_of_a_kind_compiles_nothing(on_two, cache, tmp_path):
+    compiled = {path.name for path in cache.glob("*-cache")}
+    code, out = run(tmp_path / "run", 4, devices=2, JAX_COMPILATION_CACHE_DIR=str(cache))
+    assert code == 0, out
+    assert {name.split("-")[0] for name in compiled} >= {"jit_begin", "jit_run", "jit_play"}
+    assert {path.name for path in cache.glob("*-cache")} == compiled
 
 
 def test_a_run_goes_on_with_another_number_of_devices(on_two, tmp_path):
