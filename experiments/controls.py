@@ -24,6 +24,7 @@ FAR = axis("--shift", "8mm")
 ALONE, TOO = axis("--replay.draw-demos", "no"), axis("--replay.draw-demos", "yes")
 RANDOM, BY_DEMOS = axis("--sac.warmup", "random"), axis("--sac.warmup", "demos")
 IMITATORS = axis("--algorithm", "gail", "pofd", "gaifo")
+ZERO_AT_SUCCESS = methods("crsfd"), axis("--shape", "2"), FAR, axis("--potential.terminal", "zero")
 LONGER = axis("--shape", "0"), FAR, axis("--seed", "5"), axis("--sac.warmup-steps", "3200")
 CELLS = (
     *grid(*IN_PLACE, ALONE),
@@ -39,7 +40,8 @@ CELLS = (
     *grid(axis("--algorithm", "sacfd"), NEW, ALONE),
     *grid(*SACFD, FAR, ALONE),
     *grid(*SACFD, FAR, ALONE, axis("--seed", "5", "10", "15")),
-    *grid(methods("crsfd"), axis("--shape", "2"), FAR, axis("--potential.terminal", "zero")),
+    *grid(*ZERO_AT_SUCCESS),
+    *grid(*ZERO_AT_SUCCESS, axis("--seed", "5", "10", "15")),
     *grid(methods("rsgm"), axis("--shape", "2"), FAR, TOO),
     *grid(methods("rsgm"), axis("--shape", "0"), FAR),
     *grid(IMITATORS, NEW, RANDOM),
