@@ -73,13 +73,21 @@ def test_an_episode_that_runs_out_of_time_returns_nothing():
 def test_success_states_are_targets_of_one_only_if_the_terminal_potential_is_kept():
     demos = chain_demos(episodes=3, successes=2)
     obs, targets = potential.demonstration_targets(demos, QUICK)
-    np.testing.assert_array_equal(obs, demos.obs)
     keep = dataclasses.replace(QUICK, terminal="keep")
     kept_obs, kept_targets = potential.demonstration_targets(demos, keep)
-    np.testing.assert_array_equal(kept_obs[:30], obs)
-    np.testing.assert_array_equal(kept_targets[:30], targets)
-    np.testing.assert_allclose(kept_obs[30:], [[1.0, 0.0]] * 2)
-    np.testing.assert_array_equal(kept_targets[30:], 1.0)
+    np.testing.assert_array_equal(kept_obs[:20], obs)
+    np.testing.assert_array_equal(kept_targets[:20], targets)
+    np.testing.assert_allclose(kept_obs[20:], [[1.0, 0.0]] * 2)
+    np.testing.assert_array_equal(kept_targets[20:], 1.0)
+
+
+def test_episodes_that_fail_are_no_targets():
+    demos = chain_demos(episodes=3, successes=2)
+    obs, targets = potential.demonstration_targets(demos, QUICK)
+    np.testing.assert_array_equal(obs, demos.obs[: 2 * LENGTH])
+    np.testing.assert_array_equal(targets, monte_carlo_returns(demos, QUICK.gamma)[: 2 * LENGTH])
+    whole = chain_demos(episodes=3, successes=3)
+    np.testing.assert_array_equal(potential.demonstration_targets(whole, QUICK)[0], whole.obs)
 
 
 def stay(key, features):

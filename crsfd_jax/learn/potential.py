@@ -52,11 +52,15 @@ def demonstration_targets(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Observations [D', O] of the demonstrations and the values [D'] to regress them to.
 
+    Episodes that fail have no part in it. Their return is zero all the way, and where many fail,
+    it would hold the potential down along the way in as if that were free space.
+
     With `potential.terminal` at "keep", the success states are appended with the largest
     value, 1: one step on from a return of 1 it would be 1 / gamma_0.
     """
     obs = np.asarray(demos.obs)
     targets = monte_carlo_returns(demos, potential.gamma)
+    obs, targets = obs[targets > 0], targets[targets > 0]
     if potential.terminal == "keep":
         success_obs = np.asarray(demos.next_obs)[np.asarray(demos.terminated)]
         obs = np.concatenate([obs, success_obs])
