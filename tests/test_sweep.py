@@ -79,6 +79,10 @@ def starts(out: Path, name: str) -> list[int]:
     return [int(pid) for pid in path.read_text().split()] if path.is_file() else []
 
 
+def parent(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
+
+
 def wait_for(condition, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition():
@@ -577,7 +581,7 @@ def test_what_a_killed_ray_worker_left_running_is_waited_for(file, out, monkeypa
     process = started(file, "--runner", "ray", "--only", NAMES[0])
     wait_for(lambda: (out / NAMES[0] / "metrics.csv").is_file())
     [orphan] = starts(out, NAMES[0])
-    worker = int(Path(f"/proc/{orphan}/stat").read_text().rsplit(")", 1)[1].split()[1])
+    worker = parent(orphan)
     assert worker != process.pid
     os.kill(worker, signal.SIGKILL)
     printed, _ = process.communicate(timeout=120)
@@ -621,8 +625,7 @@ def test_a_slurm_job_whose_time_is_up_saves_and_is_queued_again(file, out, monke
     waiting.start()
     wait_for(lambda: (out / NAMES[0] / "metrics.csv").is_file())
     [trainer] = starts(out, NAMES[0])
-    job = int(Path(f"/proc/{trainer}/stat").read_text().rsplit(")", 1)[1].split()[1])
-    os.kill(job, signal.SIGUSR2)
+    os.kill(parent(trainer), signal.SIGUSR2)
     waiting.join(timeout=120)
     assert [outcome.word for outcome in ended] == ["done"]
     assert len(starts(out, NAMES[0])) == 2

@@ -227,12 +227,4 @@ def _minus_infinity_at_the_output(path, leaf):
 
 @pytest.mark.parametrize("algorithm", ["sac", "sacfd", "crsfd", "rlpd", "pofd", "gaifo", "sqil"])
 def test_the_probe_is_learned(algorithm):
-    sac = dataclasses.replace(probe_env.config().sac, learning_rate=3e-3, updates_per_step=4)
-    config = probe_env.config(algorithm=algorithm, sac=sac)
-    learner, states = learner_and_states(config)
-    advance = chunk.make(learner, 34)
-    for step in range(0, 170, 34):
-        states, metrics = advance(states, jnp.int32(step))
-    share = np.asarray(metrics["successes"] / metrics["episodes"])
-    length = 34 * 4 / np.asarray(metrics["episodes"])
-    assert (share > 0.95).all() and (length < 1.6).all()
+    probe_env.assert_learned(*learner_and_states(probe_env.eager_config(algorithm)))

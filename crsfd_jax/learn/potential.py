@@ -60,7 +60,8 @@ def demonstration_targets(
     """
     obs = np.asarray(demos.obs)
     targets = monte_carlo_returns(demos, potential.gamma)
-    obs, targets = obs[targets > 0], targets[targets > 0]
+    succeeds = targets > 0
+    obs, targets = obs[succeeds], targets[succeeds]
     if potential.terminal == "keep":
         success_obs = np.asarray(demos.next_obs)[np.asarray(demos.terminated)]
         obs = np.concatenate([obs, success_obs])

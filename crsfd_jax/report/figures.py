@@ -71,8 +71,10 @@ def _looks(figure: Figure) -> dict[tuple[str, str], Style]:
     for method, variant in sorted(found, key=lambda key: (rank(key[0]), key[1])):
         number = variants[method] = variants.get(method, -1) + 1 if variant else 0
         look, steps = style(method, number), found[method, variant]
-        length = f"{steps / 1000:g}k steps" if steps < most else ""
-        length = "no steps" if method in WITHOUT_INTERACTION else length
+        if method in WITHOUT_INTERACTION:
+            length = "no steps"
+        else:
+            length = f"{steps / 1000:g}k steps" * (steps < most)
         words = ", ".join(filter(None, (look.label, length, variant)))
         looks[method, variant] = look._replace(label=words)
     return looks
